@@ -88,6 +88,7 @@ def build_robot(
     tables = joint_tables(gains)
     _set_joints(spec, tables)
     _set_actuators(spec, tables)
+    _add_foot_sensors(spec)
     _ensure_floor(spec)
     if collisions == "feet":
         _keep_foot_contacts(spec)
@@ -186,6 +187,21 @@ def _set_actuators(spec: mujoco.MjSpec, tables: dict[str, np.ndarray]) -> None:
         )
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.set_to_position(kp=float(tables["kp"][i]), kv=float(tables["kd"][i]))
+
+
+def _add_foot_sensors(spec: mujoco.MjSpec) -> None:
+    """Sensors ``<foot>_contact``: net contact force on each foot, N in the world frame."""
+    force_bit = 1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value
+    net_force = 3  # reduction of all of a body's contacts to one wrench in the world frame
+    for foot in FOOT_BODIES:
+        # The reference object is the body that the force acts on.
+        spec.add_sensor(
+            name=f"{foot}_contact",
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            reftype=mujoco.mjtObj.mjOBJ_BODY,
+            refname=foot,
+            intprm=(force_bit, net_force, 1),
+        )
 
 
 def _ensure_floor(spec: mujoco.MjSpec) -> None:

@@ -1,0 +1,115 @@
+"""What physics hands to the environment, and the small pieces that all engines share."""
+
+import torch
+from tensordict import TensorClass
+from torch import Tensor
+
+from tlr_exp.g1 import NUM_JOINTS
+
+NUM_QPOS = 7 + NUM_JOINTS
+NUM_QVEL = 6 + NUM_JOINTS
+
+
+class PhysicsState(TensorClass):
+    """The robots at one instant: positions, velocities and body poses belong to the same time.
+
+    Batch ``[num_envs]``, float32, world frame, SI units. Bodies are in the order of
+    ``tlr_exp.g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow
+    MuJoCo: ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is
+    the pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the
+    joint velocities. Torques and contact forces are those of the last physics step; both are
+    zero right after a reset, where no step has been taken.
+    """
+
+    qpos: Tensor  # [num_envs, 30]
+    qvel: Tensor  # [num_envs, 29]
+    body_pos_w: Tensor  # [num_envs, 27, 3]
+    body_quat_w: Tensor  # [num_envs, 27, 4] wxyz
+    body_lin_vel_w: Tensor  # [num_envs, 27, 3] of the body's origin
+    body_ang_vel_w: Tensor  # [num_envs, 27, 3]
+    joint_torque: Tensor  # [num_envs, 23] N m, after the effort limits
+    foot_contact_force: Tensor  # [num_envs, 2, 3] N, net force on the left and the right foot
+
+
+def body_twist(cvel: Tensor, body_pos: Tensor, root_com: Tensor) -> tuple[Tensor, Tensor]:
+    """World-frame linear and angular velocity of bodies at their own origins.
+
+    MuJoCo's ``cvel`` is a twist about the centre of mass c of the whole kinematic tree, so the
+    velocity of a body's origin p is v_p = v_c + w x (p - c).
+
+    Args:
+        cvel: [..., bodies, 6], angular (rad/s) before linear (m/s), as in MuJoCo.
+        body_pos: [..., bodies, 3], origins of the bodies, m.
+        root_com: [..., 1, 3], ``subtree_com`` of the tree's root, m.
+
+    Returns:
+        Linear velocity (m/s) and angular velocity (rad/s), each [..., bodies, 3].
+    """
+    angular, linear = cvel[..., :3], cvel[..., 3:]
+    return linear + torch.linalg.cross(angular, body_pos - root_com), angular
+
+
+def check_joint_target(joint_target: Tensor, num_envs: int) -> None:
+    """Refuse joint targets that no engine could follow.
+
+    Raises:
+        ValueError: not of shape [num_envs, 23], or not finite. MuJoCo would quietly put zeros in
+            the place of a target that is not finite.
+    """
+    if joint_target.shape != (num_envs, NUM_JOINTS):
+        raise ValueError(
+            f"joint_target has the shape {list(joint_target.shape)}; "
+            f"expected [{num_envs}, {NUM_JOINTS}]"
+        )
+    if not torch.isfinite(joint_target).all():
+        bad = torch.nonzero(~torch.isfinite(joint_target).all(dim=1)).flatten()
+        raise ValueError(
+            f"joint_target is not finite in {len(bad)} of {num_envs} environments: "
+            f"{bad[:8].tolist()}"
+        )
+
+
+def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> None:
+    """Refuse a reset that names an environment twice or that starts from an invalid state.
+
+    Args:
+        env_ids: [n] int64; any order, each at most once.
+        qpos, qvel: [n, 30] and [n, 29].
+
+    Raises:
+        ValueError: wrong shape, unknown or repeated environment, or a state that is not finite.
+    """
+    count = env_ids.numel()
+    if env_ids.ndim != 1 or env_ids.is_floating_point() or env_ids.dtype == torch.bool:
+        raise ValueError(
+            f"env_ids must be a vector of integers, not {env_ids.dtype} {list(env_ids.shape)}"
+        )
+    for name, value, width in (("qpos", qpos, NUM_QPOS), ("qvel", qvel, NUM_QVEL)):
+        if value.shape != (count, width):
+            raise ValueError(
+                f"{name} has the shape {list(value.shape)}; expected [{count}, {width}] "
+                "for the environments to reset"
+            )
+        if not torch.isfinite(value).all():
+            raise ValueError(f"{name} holds values that are not finite; a reset needs finite ones")
+    if count == 0:
+        return
+    if int(env_ids.min()) < 0 or int(env_ids.max()) >= num_envs:
+        raise ValueError(
+            f"env_ids must lie in 0..{num_envs - 1}, got {int(env_ids.min())}..{int(env_ids.max())}"
+        )
+    if torch.unique(env_ids).numel() != count:
+        raise ValueError("env_ids names an environment more than once")
+
+
+def check_saved_envs(saved: int, num_envs: int) -> None:
+    """Refuse a saved physics state of another number of environments.
+
+    Raises:
+        ValueError: ``saved`` differs from ``num_envs``.
+    """
+    if saved != num_envs:
+        raise ValueError(
+            f"the saved physics state has {saved} environments, this one has {num_envs}; "
+            f"resume with num_envs={saved}"
+        )
