@@ -1,0 +1,339 @@
+"""The motion-tracking environment: physics, a reference motion and the MDP's functions.
+
+It reports raw reward terms and no reward: how terms are weighted is decided after collection
+(``tlr_exp.reward``).
+"""
+
+from collections.abc import Mapping
+from functools import partial
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from tlr_exp import g1, keys
+from tlr_exp.mdp import observations
+from tlr_exp.mdp.resets import perturb
+from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
+from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
+from tlr_exp.motion.reference import Reference, ReferenceFrame
+from tlr_exp.physics.protocol import Physics
+from tlr_exp.physics.state import PhysicsState
+from tlr_exp.robot import Robot
+from tlr_exp.settings import EnvSettings
+
+OBSERVATIONS = tuple(observations.OBSERVATION_DIMS)
+ACTIONS = ("default_pose", "current_pose")
+START_PHASES = ("random", "zero")
+
+
+class TrackingEnv(EnvBase):
+    """``num_envs`` robots that track one motion at ``1 / physics.control_dt`` Hz.
+
+    An episode starts in the state of the reference at some frame and ends by a failure
+    (``terminated``), or with the motion (``truncated``). ``("next", "reward_terms")``
+    [num_envs, num_terms] holds the raw terms in the order of ``terms``.
+
+    Args:
+        physics: the engine; its number of environments and device are the environment's.
+        reference: the motion, at the control rate and on the same device.
+        robot: tables of the joints (default pose, limits, action scale).
+        terms: names of the reward terms and the constants that each takes.
+        settings: observation, action, starts and ends of episodes.
+        training_steps: control steps that each environment takes in the whole training.
+        seed: of the environment's own generator.
+        failures: whether an episode can end by a failure (evaluations let it go on).
+
+    Raises:
+        ValueError: a choice that does not exist, or a motion that does not fit.
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        physics: Physics,
+        reference: Reference,
+        robot: Robot,
+        terms: Mapping[str, Mapping[str, float]],
+        settings: EnvSettings,
+        training_steps: int,
+        seed: int,
+        failures: bool = True,
+    ) -> None:
+        super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
+        _check_choice("env.observation", settings.observation, OBSERVATIONS)
+        _check_choice("env.action", settings.action, ACTIONS)
+        _check_choice("env.start_phase", settings.start_phase, START_PHASES)
+        _check_motion(reference, physics.control_dt, settings.reference_lead)
+        self.physics = physics
+        self.reference = reference
+        self.settings = settings
+        self.failures = failures
+        self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
+
+        tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)
+        self.default_joint_pos = tensor(robot.default_joint_pos_rad)
+        self.action_scale = tensor(robot.action_scale_rad)
+        self.limits = JointLimits(
+            tensor(robot.joint_range_rad),
+            tensor(robot.velocity_limit_rad_s),
+            tensor(robot.effort_limit_nm),
+        )
+        self.distance = TighteningDistance(
+            settings.termination, training_steps, physics.num_envs, self.device
+        )
+        self.generator = torch.Generator(device=self.device).manual_seed(seed)
+        self._make_specs(len(terms))
+        self._make_buffers()
+
+    # --- specs and buffers -------------------------------------------------------------------
+
+    def _make_specs(self, num_terms: int) -> None:
+        n, device = self.batch_size, self.device
+        flag = partial(Binary, n=1, shape=(*n, 1), dtype=torch.bool, device=device)
+        scalar = partial(Unbounded, shape=(*n, 1), device=device)
+        dim = observations.OBSERVATION_DIMS[self.settings.observation]
+        self.observation_spec = Composite(
+            {
+                keys.OBSERVATION: Unbounded((*n, dim), device=device),
+                keys.PRIVILEGED: Unbounded((*n, observations.PRIVILEGED_DIM), device=device),
+                keys.UPPER_BODY_ERROR: scalar(),
+                keys.LOWER_BODY_ERROR: scalar(),
+                keys.JOINT_ERROR: scalar(),
+                keys.UNSTABLE: flag(),
+            },
+            shape=n,
+            device=device,
+        )
+        self.action_spec = Bounded(-1e3, 1e3, (*n, g1.NUM_JOINTS), device=device)
+        # The vector of raw terms takes the place of a reward: EnvBase asks for one.
+        self.reward_spec = Composite(
+            {keys.REWARD_TERMS: Unbounded((*n, num_terms), device=device)}, shape=n, device=device
+        )
+        self.done_spec = Composite(
+            {keys.DONE: flag(), keys.TERMINATED: flag(), keys.TRUNCATED: flag()},
+            shape=n,
+            device=device,
+        )
+
+    def _make_buffers(self) -> None:
+        n, device = self.batch_size[0], self.device
+        self.start_frame = torch.zeros(n, dtype=torch.int64, device=device)
+        self.episode_step = torch.zeros(n, dtype=torch.int64, device=device)
+        self.previous_action = torch.zeros(n, g1.NUM_JOINTS, device=device)
+        self.observed = torch.zeros(
+            n, observations.OBSERVATION_DIMS[self.settings.observation], device=device
+        )
+        self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
+        self.state: PhysicsState = self.physics.state()
+        self.unstable_states: dict[str, Tensor] = {}
+        self._resume_pending = False
+
+    # --- stepping ----------------------------------------------------------------------------
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict.get(keys.ACTION)
+        before = self.state
+        self.state, unstable = self._finite(
+            self.physics.step(self._joint_target(action)), before, action
+        )
+        self.episode_step = self.episode_step + 1
+        frame_index = self._frame_index()
+        reference = self.reference.frame(frame_index)
+        terminated = self._terminated(reference) | unstable
+        truncated = (frame_index >= self.reference.num_frames - 1) & ~terminated
+        done = terminated | truncated
+        self.distance.update(self.episode_step, done)
+
+        transition = Transition(
+            self.state, reference, action, self.previous_action, terminated, self.limits
+        )
+        terms = torch.stack([term(transition) for term in self.terms], dim=-1)
+        self._observe(reference, action)
+        self.previous_action = action
+        return TensorDict(
+            {
+                keys.OBSERVATION: self.observed,
+                keys.PRIVILEGED: self.privileged,
+                keys.REWARD_TERMS: terms,
+                **self._errors(reference),
+                keys.UNSTABLE: unstable[:, None],
+                keys.TERMINATED: terminated[:, None],
+                keys.TRUNCATED: truncated[:, None],
+                keys.DONE: done[:, None],
+            },
+            batch_size=self.batch_size,
+            device=self.device,
+        )
+
+    def _joint_target(self, action: Tensor) -> Tensor:
+        base = self.default_joint_pos
+        if self.settings.action == "current_pose":
+            base = self.state.qpos[:, 7:]
+        return base + self.action_scale * action
+
+    def _finite(
+        self, state: PhysicsState, before: PhysicsState, action: Tensor
+    ) -> tuple[PhysicsState, Tensor]:
+        """Replace states that are not finite by those before the step, and remember these."""
+        unstable = ~(state.qpos.isfinite().all(-1) & state.qvel.isfinite().all(-1))
+        if not unstable.any():
+            return state, unstable
+        self.unstable_states = {
+            "qpos": before.qpos[unstable].clone(),
+            "qvel": before.qvel[unstable].clone(),
+            "action": action[unstable].clone(),
+        }
+        return torch.where(unstable, before, state), unstable
+
+    def _frame_index(self) -> Tensor:
+        index = self.start_frame + self.episode_step + self.settings.reference_lead
+        return index.clamp(max=self.reference.num_frames - 1)
+
+    def _terminated(self, reference: ReferenceFrame) -> Tensor:
+        if not self.failures:
+            return torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
+        return fell(self.state, self.settings.termination.max_tilt) | far_from_reference(
+            self.state, reference, self.distance.value_m
+        )
+
+    def _errors(self, reference: ReferenceFrame) -> dict[str, Tensor]:
+        """Mean distance of upper and lower bodies from the reference (m) and of joints (rad)."""
+        distance = (reference.body_pos_w - self.state.body_pos_w).norm(dim=-1)
+        joint_error = (reference.qpos[:, 7:] - self.state.qpos[:, 7:]).abs()
+        return {
+            keys.UPPER_BODY_ERROR: distance[:, g1.UPPER_BODY].mean(-1, keepdim=True),
+            keys.LOWER_BODY_ERROR: distance[:, g1.LOWER_BODY].mean(-1, keepdim=True),
+            keys.JOINT_ERROR: joint_error.mean(-1, keepdim=True),
+        }
+
+    def _phase(self) -> Tensor:
+        """Phase of the motion within [0, 1], [num_envs, 1] (Eq. 4 of the paper)."""
+        return (self._frame_index() / (self.reference.num_frames - 1))[:, None]
+
+    def _observe(self, reference: ReferenceFrame, action: Tensor) -> None:
+        if self.settings.observation == "history":
+            frame = observations.proprioception(self.state, action, self.default_joint_pos)
+            self.observed = observations.next_history(frame, self.observed, self._phase())
+        else:
+            self.observed = observations.reference_observation(
+                self.state, reference, action, self.default_joint_pos
+            )
+        self.privileged = observations.privileged_observation(self.state, reference)
+
+    # --- resetting ---------------------------------------------------------------------------
+
+    def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
+        if self._resume_pending:
+            self._resume_pending = False
+        else:
+            mask = None if tensordict is None else tensordict.get("_reset", None)
+            everyone = torch.arange(self.batch_size[0], device=self.device)
+            self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
+        return self._reset_output()
+
+    def _start_episodes(self, env_ids: Tensor) -> None:
+        start = self._draw_start_frames(len(env_ids))
+        reference = self.reference.frame(start)
+        qpos, qvel = perturb(
+            reference.qpos,
+            reference.qvel,
+            self.settings.reset_noise,
+            self.limits.range_rad,
+            self.generator,
+        )
+        self.physics.set_state(env_ids, qpos, qvel)
+        self.state = self.physics.state()
+        # Tensors that were handed out stay as they are: write into copies.
+        self.start_frame = self.start_frame.index_copy(0, env_ids, start)
+        self.episode_step = self.episode_step.index_fill(0, env_ids, 0)
+        self.previous_action = self.previous_action.index_fill(0, env_ids, 0.0)
+        self._observe_start(env_ids)
+
+    def _draw_start_frames(self, count: int) -> Tensor:
+        if self.settings.start_phase == "zero":
+            return torch.zeros(count, dtype=torch.int64, device=self.device)
+        latest = self.reference.num_frames - 1 - self.settings.reference_lead
+        return torch.randint(latest, (count,), generator=self.generator, device=self.device)
+
+    def _observe_start(self, env_ids: Tensor) -> None:
+        state = self.state[env_ids]
+        reference = self.reference.frame(self._frame_index()[env_ids])
+        action = self.previous_action[env_ids]
+        if self.settings.observation == "history":
+            frame = observations.proprioception(state, action, self.default_joint_pos)
+            observed = observations.first_history(frame, self._phase()[env_ids])
+        else:
+            observed = observations.reference_observation(
+                state, reference, action, self.default_joint_pos
+            )
+        privileged = observations.privileged_observation(state, reference)
+        self.observed = self.observed.index_copy(0, env_ids, observed)
+        self.privileged = self.privileged.index_copy(0, env_ids, privileged)
+
+    def _reset_output(self) -> TensorDictBase:
+        zeros = torch.zeros(*self.batch_size, 1, device=self.device)
+        false = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
+        return TensorDict(
+            {
+                keys.OBSERVATION: self.observed,
+                keys.PRIVILEGED: self.privileged,
+                keys.UPPER_BODY_ERROR: zeros,
+                keys.LOWER_BODY_ERROR: zeros,
+                keys.JOINT_ERROR: zeros,
+                keys.UNSTABLE: false,
+                keys.TERMINATED: false,
+                keys.TRUNCATED: false,
+                keys.DONE: false,
+            },
+            batch_size=self.batch_size,
+            device=self.device,
+        )
+
+    def _set_seed(self, seed: int | None) -> None:
+        self.generator.manual_seed(0 if seed is None else seed)
+
+    # --- checkpoints -------------------------------------------------------------------------
+
+    _BUFFERS = ("start_frame", "episode_step", "previous_action", "observed", "privileged")
+
+    def simulation_state(self) -> dict[str, object]:
+        """All that is needed to go on bit for bit, between two steps."""
+        return {
+            "physics": self.physics.state_dict(),
+            "generator": self.generator.get_state(),
+            "distance": self.distance.state_dict(),
+            "buffers": {name: getattr(self, name) for name in self._BUFFERS},
+        }
+
+    def restore_simulation(self, saved: Mapping[str, dict]) -> None:
+        """Continue from ``simulation_state()``: the next full reset starts no new episode.
+
+        A collector begins with a reset; after a restoration that one hands back the saved state.
+        """
+        self.physics.load_state_dict(saved["physics"])
+        self.state = self.physics.state()
+        self.generator.set_state(saved["generator"])
+        self.distance.load_state_dict(saved["distance"])
+        for name in self._BUFFERS:
+            setattr(self, name, saved["buffers"][name].to(self.device))
+        self._resume_pending = True
+
+
+def _check_choice(key: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{key} is {value!r}; allowed are {', '.join(allowed)}")
+
+
+def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:
+    rate_hz = 1.0 / control_dt_s
+    if abs(reference.fps - rate_hz) > 1e-6:
+        raise ValueError(
+            f"the motion has {reference.fps:g} frames a second, the control rate is {rate_hz:g} Hz: "
+            "resample the clip first"
+        )
+    if reference.num_frames < lead + 2:
+        raise ValueError(f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}")

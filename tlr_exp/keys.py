@@ -1,0 +1,83 @@
+"""The shared vocabulary: tensordict keys, metric names and reward term names.
+
+This module imports nothing, so that every other room may import it.
+"""
+
+# --- tensordict keys -------------------------------------------------------------------------
+OBSERVATION = "observation"  # [num_envs, obs_dim], what the actor sees
+PRIVILEGED = "privileged"  # [num_envs, privileged_dim], what the critic sees besides
+ACTION = "action"  # [num_envs, 23]
+REWARD_TERMS = "reward_terms"  # [num_envs, num_terms], raw and unweighted
+REWARD = "reward"  # [num_envs, 1], written after collection by the RewardSplit
+TERMINATED = "terminated"
+TRUNCATED = "truncated"
+DONE = "done"
+UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
+LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
+JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
+UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state stopped being finite
+
+# --- reward terms ----------------------------------------------------------------------------
+# Upper layer, paper section 3.2: the four tracking terms.
+BODY_POS = "body_pos"
+BODY_ROT = "body_rot"
+BODY_VEL = "body_vel"
+BODY_ANG_VEL = "body_ang_vel"
+# Upper layer, further tracking terms of ASAP.
+UPPER_BODY_POS = "upper_body_pos"
+LOWER_BODY_POS = "lower_body_pos"
+THREE_POINT_POS = "three_point_pos"
+FEET_POS = "feet_pos"
+JOINT_POS = "joint_pos"
+JOINT_VEL = "joint_vel"
+# Lower layer, Table 1 and Figure 14 of the paper.
+BASE_HEIGHT = "base_height"
+ANG_VEL_XY = "ang_vel_xy"
+LIN_VEL_Z = "lin_vel_z"
+DOF_POS_LIMITS = "dof_pos_limits"
+DOF_VEL_LIMITS = "dof_vel_limits"
+ACTION_SMOOTHNESS = "action_smoothness"
+TORQUE_LIMITS = "torque_limits"
+# Lower layer, further penalties of ASAP.
+TORQUES = "torques"
+TERMINATION = "termination"
+
+# Each term and the constants it takes (tlr_exp/mdp/rewards.py says what they mean).
+TERM_PARAMETERS: dict[str, tuple[str, ...]] = {
+    BODY_POS: ("sigma",),
+    BODY_ROT: ("sigma",),
+    BODY_VEL: ("sigma",),
+    BODY_ANG_VEL: ("sigma",),
+    UPPER_BODY_POS: ("sigma",),
+    LOWER_BODY_POS: ("sigma",),
+    THREE_POINT_POS: ("sigma",),
+    FEET_POS: ("sigma",),
+    JOINT_POS: ("sigma",),
+    JOINT_VEL: ("sigma",),
+    BASE_HEIGHT: (),
+    ANG_VEL_XY: (),
+    LIN_VEL_Z: (),
+    DOF_POS_LIMITS: ("margin",),
+    DOF_VEL_LIMITS: ("margin",),
+    ACTION_SMOOTHNESS: (),
+    TORQUE_LIMITS: ("margin",),
+    TORQUES: (),
+    TERMINATION: (),
+}
+TERM_NAMES = tuple(TERM_PARAMETERS)
+
+# --- metric names ----------------------------------------------------------------------------
+ITERATION = "iteration"
+ENV_STEPS = "train/env_steps"
+EPISODE_LENGTH = "train/episode_length"
+TRAIN_UPPER_BODY_ERROR = "train/upper_body_error_m"
+TRAIN_LOWER_BODY_ERROR = "train/lower_body_error_m"
+TRAIN_JOINT_ERROR = "train/joint_error_rad"
+UNSTABLE_ENVS = "train/unstable_envs"
+OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)
+OBJECTIVE_AFTER = "train/objective_after"  # J at the weights in use
+OPTIMAL_SHARE = "train/optimal_share"  # share of the pack that reaches the best J
+WEIGHT_PREFIX = "weight/"
+REWARD_TERM_PREFIX = "reward_term/"
+TIME_PREFIX = "time/"
+EVAL_PREFIX = "eval/"

@@ -1,0 +1,1 @@
+"""The Markov decision process: pure, batched functions, one per term."""

@@ -1,0 +1,74 @@
+"""When an episode ends: by a failure (terminated). The motion's end is the environment's concern."""
+
+import torch
+from torch import Tensor
+
+from tlr_exp.mdp.rotations import projected_gravity
+from tlr_exp.motion.reference import ReferenceFrame
+from tlr_exp.physics.state import PhysicsState
+from tlr_exp.settings import TerminationSettings
+
+
+def fell(state: PhysicsState, max_tilt: float) -> Tensor:
+    """True where the pelvis tilts beyond ``max_tilt``, [num_envs]."""
+    gravity_b = projected_gravity(state.qpos[:, 3:7])
+    return gravity_b[:, :2].abs().amax(dim=-1) > max_tilt
+
+
+def far_from_reference(
+    state: PhysicsState, reference: ReferenceFrame, max_distance_m: float | Tensor
+) -> Tensor:
+    """True where any tracked body is farther than ``max_distance_m`` from its reference."""
+    squared = (reference.body_pos_w - state.body_pos_w).square().sum(dim=-1).amax(dim=-1)
+    return squared > max_distance_m**2
+
+
+def tighten_rate(settings: TerminationSettings, training_steps: int) -> float:
+    """Share by which the distance limit shrinks in one control step.
+
+    So chosen that an uninterrupted descent from start to end takes ``tighten_share`` of the
+    ``training_steps`` control steps of one environment.
+    """
+    descent = settings.distance_end_m / settings.distance_start_m
+    return 1.0 - descent ** (1.0 / max(1.0, settings.tighten_share * training_steps))
+
+
+class TighteningDistance:
+    """The distance limit of an episode, tightened as episodes get longer (ASAP's curriculum).
+
+    The mean episode length is a running mean over about ``num_envs`` finished episodes. All
+    values are tensors, so that no step waits for the device.
+    """
+
+    def __init__(
+        self,
+        settings: TerminationSettings,
+        training_steps: int,
+        num_envs: int,
+        device: torch.device,
+    ) -> None:
+        self.settings = settings
+        self.rate = tighten_rate(settings, training_steps)
+        self.num_envs = num_envs
+        self.value_m = torch.tensor(settings.distance_start_m, device=device)
+        self.mean_length = torch.tensor(0.0, device=device)
+
+    def update(self, lengths: Tensor, finished: Tensor) -> None:
+        """Take in one control step: ``lengths`` [num_envs], ``finished`` [num_envs] bool."""
+        settings = self.settings
+        count = finished.sum()
+        mean = (lengths * finished).sum() / count.clamp(min=1)
+        self.mean_length = self.mean_length + (mean - self.mean_length) * count / self.num_envs
+        tighten = self.mean_length > settings.tighten_above_steps
+        loosen = self.mean_length < settings.loosen_below_steps
+        factor = 1.0 + self.rate * (loosen.float() - tighten.float())
+        self.value_m = (self.value_m * factor).clamp(
+            settings.distance_end_m, settings.distance_start_m
+        )
+
+    def state_dict(self) -> dict[str, Tensor]:
+        return {"value_m": self.value_m, "mean_length": self.mean_length}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        self.value_m = state["value_m"].to(self.value_m.device)
+        self.mean_length = state["mean_length"].to(self.value_m.device)

@@ -1,0 +1,125 @@
+"""Actor and critic: multilayer perceptrons behind a running normalisation of what they see."""
+
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.modules import MLP, IndependentNormal, ProbabilisticActor, ValueOperator
+
+from tlr_exp import keys
+from tlr_exp.settings import PpoSettings
+
+ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
+
+
+class RunningNorm(nn.Module):
+    """Normalises by the mean and variance of all batches that it was updated with.
+
+    Updated once an iteration, from the collected batch, so that one policy collects one batch;
+    frozen at evaluation by not being updated. Statistics are kept in float64 and are exact:
+    batches are merged by Chan's formula.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    count: Tensor
+
+    def __init__(self, size: int, clip: float = 10.0) -> None:
+        super().__init__()
+        self.clip = clip
+        self.register_buffer("mean", torch.zeros(size, dtype=torch.float64))
+        self.register_buffer("variance", torch.ones(size, dtype=torch.float64))
+        self.register_buffer("count", torch.zeros((), dtype=torch.float64))
+        self.register_buffer("shift", torch.zeros(size))
+        self.register_buffer("scale", torch.ones(size))
+
+    def forward(self, value: Tensor) -> Tensor:
+        return ((value - self.shift) * self.scale).clamp(-self.clip, self.clip)
+
+    @torch.no_grad()
+    def update(self, batch: Tensor) -> None:
+        """Take in ``batch`` [..., size]."""
+        rows = batch.reshape(-1, batch.shape[-1])
+        variance, mean = torch.var_mean(rows, dim=0, correction=0)
+        total = self.count + len(rows)
+        delta = mean.double() - self.mean
+        between = delta.square() * self.count * len(rows) / total
+        spread = self.variance * self.count + variance.double() * len(rows) + between
+        self.mean += delta * len(rows) / total
+        self.variance.copy_(spread / total)
+        self.count.copy_(total)
+        self.shift.copy_(self.mean)
+        self.scale.copy_((self.variance + 1e-5).rsqrt())
+
+
+class GaussianHead(nn.Module):
+    """Adds a standard deviation, the same in every state, to the mean [..., size]."""
+
+    def __init__(self, size: int, initial_std: float) -> None:
+        super().__init__()
+        self.log_std = nn.Parameter(torch.full((size,), initial_std).log())
+
+    def forward(self, mean: Tensor) -> tuple[Tensor, Tensor]:
+        return mean, self.log_std.exp().expand_as(mean)
+
+
+class JoinedInputs(nn.Module):
+    """Feeds the concatenation of its inputs to ``module``."""
+
+    def __init__(self, module: nn.Module) -> None:
+        super().__init__()
+        self.module = module
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        return self.module(torch.cat(inputs, dim=-1))
+
+
+def build_actor(
+    observation_dim: int,
+    action_dim: int,
+    settings: PpoSettings,
+    generator: torch.Generator | None = None,
+) -> ProbabilisticActor:
+    """The Gaussian policy: writes ``loc``, ``scale``, ``action`` and ``action_log_prob``.
+
+    ``generator`` draws the exploration noise; it must live on the device of the policy.
+    """
+    body = nn.Sequential(
+        _norm(observation_dim, settings),
+        _mlp(observation_dim, action_dim, settings),
+        GaussianHead(action_dim, settings.initial_std),
+    )
+    return ProbabilisticActor(
+        TensorDictModule(body, in_keys=[keys.OBSERVATION], out_keys=["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        out_keys=[keys.ACTION],
+        distribution_class=IndependentNormal,
+        return_log_prob=True,
+        generator=generator,
+    )
+
+
+def build_critic(observation_dim: int, privileged_dim: int, settings: PpoSettings) -> ValueOperator:
+    """The value function of observation and privileged observation: ``state_value`` [..., 1]."""
+    width = observation_dim + privileged_dim
+    body = nn.Sequential(_norm(width, settings), _mlp(width, 1, settings))
+    return ValueOperator(JoinedInputs(body), in_keys=[keys.OBSERVATION, keys.PRIVILEGED])
+
+
+def update_norms(network: nn.Module, batch: Tensor) -> None:
+    """Take ``batch`` [..., inputs of the network] into its running normalisation, if it has one."""
+    for module in network.modules():
+        if isinstance(module, RunningNorm):
+            module.update(batch)
+
+
+def _norm(size: int, settings: PpoSettings) -> nn.Module:
+    return RunningNorm(size) if settings.normalize_observations else nn.Identity()
+
+
+def _mlp(inputs: int, outputs: int, settings: PpoSettings) -> MLP:
+    return MLP(
+        in_features=inputs,
+        out_features=outputs,
+        num_cells=list(settings.hidden_sizes),
+        activation_class=ACTIVATIONS[settings.activation],
+    )

@@ -1,0 +1,178 @@
+"""Proximal policy optimisation: advantages and the update of actor and critic.
+
+What it learns from is a batch [num_envs, num_steps] whose ``("next", "reward")`` has been
+composed; how, it does not know.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule
+from torch import Tensor
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from tlr_exp import keys
+from tlr_exp.networks import update_norms
+from tlr_exp.settings import PpoSettings
+
+
+@dataclass(frozen=True)
+class PpoDiagnostics:
+    """Means over all minibatches of one update; the learning rate is the last one."""
+
+    surrogate_loss: float
+    value_loss: float
+    entropy: float
+    kl: float
+    clip_fraction: float
+    action_std: float
+    learning_rate: float
+
+
+class NonFiniteLossError(RuntimeError):
+    """The loss stopped being finite; the policy is left as it was before that minibatch."""
+
+
+class Ppo:
+    """The learner: GAE, the clipped surrogate, and a learning rate that follows the KL divergence.
+
+    Args:
+        actor: writes ``loc``, ``scale`` and the action's log-probability.
+        critic: writes ``state_value``.
+        settings: see ``conf/ppo``.
+        seed: of the generator that shuffles the minibatches.
+    """
+
+    def __init__(
+        self,
+        actor: ProbabilisticTensorDictSequential,
+        critic: TensorDictModule,
+        settings: PpoSettings,
+        seed: int,
+    ) -> None:
+        self.actor, self.critic, self.settings = actor, critic, settings
+        self.advantage = GAE(
+            gamma=settings.gamma,
+            lmbda=settings.gae_lambda,
+            value_network=critic,
+            average_gae=False,
+            vectorized=False,
+            deactivate_vmap=True,
+        )
+        self.loss = ClipPPOLoss(
+            actor,
+            critic,
+            clip_epsilon=settings.clip_epsilon,
+            entropy_coeff=settings.entropy_coeff,
+            critic_coeff=settings.critic_coeff,
+            clip_value=settings.value_clip,
+            loss_critic_type="l2",
+            normalize_advantage=False,
+        )
+        self.actor_parameters = list(actor.parameters())
+        self.critic_parameters = list(critic.parameters())
+        self.adam = torch.optim.Adam(
+            [*self.actor_parameters, *self.critic_parameters], lr=settings.learning_rate
+        )
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def estimate_advantages(self, batch: TensorDictBase) -> None:
+        """Write ``advantage`` (normalised over the batch) and ``value_target`` into ``batch``.
+
+        A terminated step is worth its reward alone, a truncated one also what the critic expects
+        of the state that it ended in.
+        """
+        with torch.no_grad():
+            self.advantage(batch)
+        advantage = batch["advantage"]
+        batch["advantage"] = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+
+    def update(self, batch: TensorDictBase) -> PpoDiagnostics:
+        """Improve actor and critic on ``batch`` [num_envs, num_steps]; then renew the norms.
+
+        Raises:
+            NonFiniteLossError: the loss is not finite.
+        """
+        samples = batch.select(*self._needed_keys()).reshape(-1)
+        sums = torch.zeros(5, device=samples.device)
+        for epoch in range(self.settings.num_epochs):
+            for minibatch in self._minibatches(samples):
+                sums += self._update_once(minibatch, epoch)
+        means = sums / (self.settings.num_epochs * self.settings.num_minibatches)
+        observation, privileged = batch[keys.OBSERVATION], batch[keys.PRIVILEGED]
+        update_norms(self.actor, observation)
+        update_norms(self.critic, torch.cat((observation, privileged), dim=-1))
+        return PpoDiagnostics(
+            *means.tolist(),
+            action_std=samples["scale"].mean().item(),
+            learning_rate=self.learning_rate,
+        )
+
+    @property
+    def learning_rate(self) -> float:
+        return self.adam.param_groups[0]["lr"]
+
+    def _needed_keys(self) -> list[str]:
+        return [
+            *(keys.OBSERVATION, keys.PRIVILEGED, keys.ACTION),
+            *("action_log_prob", "loc", "scale", "advantage", "value_target", "state_value"),
+        ]
+
+    def _minibatches(self, samples: TensorDictBase) -> list[TensorDictBase]:
+        order = torch.randperm(len(samples), generator=self.generator)
+        chunks = order.chunk(self.settings.num_minibatches)
+        return [samples[chunk.to(samples.device)] for chunk in chunks]
+
+    def _update_once(self, minibatch: TensorDictBase, epoch: int) -> Tensor:
+        losses = self.loss(minibatch)
+        kl = self._kl_divergence(minibatch)
+        self._adapt_learning_rate(kl)
+        total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
+        if not total.isfinite():
+            raise NonFiniteLossError(
+                f"the loss is {total.item()} in epoch {epoch} of the update: "
+                "try a smaller ppo.learning_rate or ppo.max_learning_rate"
+            )
+        self.adam.zero_grad(set_to_none=True)
+        total.backward()
+        for parameters in (self.actor_parameters, self.critic_parameters):
+            torch.nn.utils.clip_grad_norm_(parameters, self.settings.max_grad_norm)
+        self.adam.step()
+        logged = ("loss_objective", "loss_critic", "entropy")
+        return torch.stack([*(losses[name].detach() for name in logged), kl, losses["clip_fraction"]])
+
+    @torch.no_grad()
+    def _kl_divergence(self, minibatch: TensorDictBase) -> Tensor:
+        """Mean KL divergence of the collecting policy from the present one, in nats."""
+        old = torch.distributions.Normal(minibatch["loc"], minibatch["scale"])
+        present = self.actor.get_dist(minibatch.select(keys.OBSERVATION)).base_dist
+        return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()
+
+    def _adapt_learning_rate(self, kl: Tensor) -> None:
+        """Divide the rate by 1.5 above twice the target KL, multiply it below half (ASAP)."""
+        target = self.settings.target_kl
+        if target is None:
+            return
+        rate = self.learning_rate
+        if kl > 2.0 * target:
+            rate = max(self.settings.min_learning_rate, rate / 1.5)
+        elif 0.0 < kl < 0.5 * target:
+            rate = min(self.settings.max_learning_rate, rate * 1.5)
+        for group in self.adam.param_groups:
+            group["lr"] = rate
+
+    def state_dict(self) -> dict[str, object]:
+        return {
+            "actor": self.actor.state_dict(),
+            "critic": self.critic.state_dict(),
+            "adam": self.adam.state_dict(),
+            "generator": self.generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, dict]) -> None:
+        self.actor.load_state_dict(state["actor"])
+        self.critic.load_state_dict(state["critic"])
+        self.adam.load_state_dict(state["adam"])
+        self.generator.set_state(state["generator"])
