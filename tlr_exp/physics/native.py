@@ -83,6 +83,7 @@ class NativePhysics:
             # return the old state as if it were the new one would hide it.
             self._qpos[error.ids] = torch.nan
             self._qvel[error.ids] = torch.nan
+            warnings.warn(str(error), RuntimeWarning, stacklevel=2)
         self._joint_torque = self._out["actuator_force"].float()
         feet = self._out["sensordata"][:, self._foot_address : self._foot_address + 6]
         self._foot_force = feet.reshape(self.num_envs, len(FOOT_BODIES), 3).float()

@@ -1,0 +1,80 @@
+"""The pure pieces that the engines share."""
+
+import pytest
+import torch
+
+from tlr_exp.physics.state import (
+    body_twist,
+    check_joint_target,
+    check_reset,
+    check_saved_envs,
+)
+
+
+def test_twist_of_a_body_on_a_turning_arm_by_hand() -> None:
+    # A tree turns at 2 rad/s about z through its centre of mass at (1, 0, 0), which moves at
+    # 0.5 m/s along y. The body's origin lies 3 m further along x: 2 rad/s x 3 m = 6 m/s along y.
+    cvel = torch.tensor([[[0.0, 0.0, 2.0, 0.0, 0.5, 0.0]]])
+    position = torch.tensor([[[4.0, 0.0, 0.0]]])
+    linear, angular = body_twist(cvel, position, torch.tensor([[[1.0, 0.0, 0.0]]]))
+    assert linear.tolist() == [[[0.0, 6.5, 0.0]]]
+    assert angular.tolist() == [[[0.0, 0.0, 2.0]]]
+
+
+def test_twist_at_the_centre_of_mass_is_the_tree_s_own() -> None:
+    cvel = torch.arange(6.0).reshape(1, 1, 6)
+    com = torch.tensor([[[0.3, -0.2, 0.9]]])
+    linear, angular = body_twist(cvel, com, com)
+    assert torch.equal(linear[0, 0], torch.tensor([3.0, 4.0, 5.0]))
+    assert torch.equal(angular[0, 0], torch.tensor([0.0, 1.0, 2.0]))
+
+
+def test_joint_target_of_the_wrong_shape_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"\[3, 22\]; expected \[3, 23\]"):
+        check_joint_target(torch.zeros(3, 22), 3)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_joint_target_that_is_not_finite_names_the_environments(value: float) -> None:
+    target = torch.zeros(5, 23)
+    target[1, 4] = target[3, 0] = value
+    with pytest.raises(ValueError, match=r"2 of 5 environments: \[1, 3\]"):
+        check_joint_target(target, 5)
+
+
+@pytest.mark.parametrize(
+    ("env_ids", "message"),
+    [
+        (torch.tensor([0, 4]), "0..3, got 0..4"),
+        (torch.tensor([-1, 2]), "0..3, got -1..2"),
+        (torch.tensor([2, 2]), "more than once"),
+        (torch.tensor([0.0, 1.0]), "vector of integers"),
+        (torch.tensor([True, False]), "vector of integers"),
+        (torch.tensor([[0, 1]]), "vector of integers"),
+    ],
+)
+def test_reset_of_environments_that_do_not_exist_is_refused(
+    env_ids: torch.Tensor, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        check_reset(env_ids, torch.zeros(2, 30), torch.zeros(2, 29), 4)
+
+
+def test_reset_to_a_state_of_the_wrong_shape_or_not_finite_is_refused() -> None:
+    env_ids = torch.tensor([0, 2])
+    with pytest.raises(ValueError, match=r"qpos has the shape \[2, 29\]; expected \[2, 30\]"):
+        check_reset(env_ids, torch.zeros(2, 29), torch.zeros(2, 29), 4)
+    qvel = torch.zeros(2, 29)
+    qvel[1, 3] = torch.nan
+    with pytest.raises(ValueError, match="qvel holds values that are not finite"):
+        check_reset(env_ids, torch.zeros(2, 30), qvel, 4)
+
+
+def test_reset_of_no_environment_is_allowed() -> None:
+    check_reset(torch.empty(0, dtype=torch.int64), torch.zeros(0, 30), torch.zeros(0, 29), 4)
+
+
+def test_saved_state_of_another_number_of_environments_is_refused() -> None:
+    check_saved_envs(8, 8)
+    with pytest.raises(ValueError, match="8 environments, this one has 4"):
+        check_saved_envs(8, 4)
