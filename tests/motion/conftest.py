@@ -1,0 +1,33 @@
+"""Fixtures of the motion tests: one robot, one swaying clip."""
+
+import numpy as np
+import pytest
+
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.robot import Robot, build_robot
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return build_robot()
+
+
+@pytest.fixture(scope="session")
+def swaying_qpos(robot: Robot) -> np.ndarray:
+    """[101, 30] at 50 Hz: every joint swings, the pelvis travels, turns and tilts."""
+    time = np.arange(101) / 50
+    qpos = np.zeros((101, 30))
+    qpos[:, :3] = np.stack([0.3 * time, 0.1 * np.sin(time), 0.8 + 0.05 * np.cos(2 * time)], axis=1)
+    yaw, tilt = 0.8 * time, 0.2 * np.sin(3 * time)
+    qpos[:, 3] = np.cos(yaw / 2) * np.cos(tilt / 2)
+    qpos[:, 4] = np.cos(yaw / 2) * np.sin(tilt / 2)
+    qpos[:, 5] = np.sin(yaw / 2) * np.sin(tilt / 2)
+    qpos[:, 6] = np.sin(yaw / 2) * np.cos(tilt / 2)
+    phases = np.linspace(0, 5, 23)
+    qpos[:, 7:] = robot.default_joint_pos_rad + 0.2 * np.sin(2 * time[:, None] + phases)
+    return qpos
+
+
+@pytest.fixture(scope="session")
+def swaying_clip(robot: Robot, swaying_qpos: np.ndarray) -> MotionClip:
+    return clip_from_qpos(swaying_qpos, 50.0, robot)

@@ -1,0 +1,263 @@
+"""``MotionClip``: a reference motion of the 23-joint G1, as arrays and as an ``.npz`` file.
+
+Every clip is checked when it is made, wherever it comes from, so that whatever holds one may rely
+on its shapes, its names, its units and its joint limits.
+"""
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import mujoco
+import numpy as np
+
+from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.motion.checks import (
+    ARRAY_SHAPES,
+    BODY_ARRAYS,
+    NUM_QPOS,
+    QPOS_JOINTS,
+    ROOT_QUAT,
+    check_finite,
+    check_fps,
+    check_limits,
+    check_names,
+    check_shapes,
+    check_unit,
+)
+from tlr_exp.motion.quaternions import angle_between, continuous, slerp
+from tlr_exp.robot import Robot
+
+_KEYS = (*ARRAY_SHAPES, "fps", "joint_names", "body_names")
+
+
+@dataclass(frozen=True, eq=False)
+class MotionClip:
+    """A motion sampled at a constant rate; T frames, float64, SI units, quaternions wxyz.
+
+    ``qpos`` and ``qvel`` follow MuJoCo: root position and orientation, then the joints; root
+    linear velocity in the world frame, root angular velocity in the pelvis frame, then the joints.
+    Body arrays are in the world frame and describe the origins of ``TRACKED_BODIES``.
+
+    Arrays are copied and made read-only. Quaternions are normalised, and their signs chosen so
+    that neighbouring frames never jump to the other of the two equal quaternions.
+
+    Raises:
+        ValueError: a wrong shape, name, rate or number of frames, a value that is not finite, a
+            quaternion that is not a unit one, or a joint beyond its limits.
+    """
+
+    fps: float
+    qpos: np.ndarray  # [T, 30]
+    qvel: np.ndarray  # [T, 29]
+    body_pos_w: np.ndarray  # [T, 27, 3]
+    body_quat_w: np.ndarray  # [T, 27, 4]
+    body_lin_vel_w: np.ndarray  # [T, 27, 3]
+    body_ang_vel_w: np.ndarray  # [T, 27, 3]
+    joint_names: tuple[str, ...] = JOINT_NAMES
+    body_names: tuple[str, ...] = TRACKED_BODIES
+
+    def __post_init__(self) -> None:
+        for key in ("joint_names", "body_names"):
+            object.__setattr__(self, key, tuple(str(name) for name in getattr(self, key)))
+        object.__setattr__(self, "fps", float(self.fps))
+        for key in ARRAY_SHAPES:
+            object.__setattr__(self, key, np.array(getattr(self, key), dtype=np.float64))
+        self.validate()
+        self.qpos[:, ROOT_QUAT] = continuous(self.qpos[:, ROOT_QUAT])
+        self.body_quat_w[:] = continuous(self.body_quat_w)
+        for key in ARRAY_SHAPES:
+            getattr(self, key).setflags(write=False)
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.qpos)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first frame to the last, in seconds."""
+        return (self.num_frames - 1) / self.fps
+
+    def validate(self) -> None:
+        """Check the clip; runs at construction.
+
+        Raises:
+            ValueError: see the class.
+        """
+        check_names("joint", self.joint_names, JOINT_NAMES)
+        check_names("body", self.body_names, TRACKED_BODIES)
+        check_fps(self.fps)
+        check_shapes({key: getattr(self, key) for key in ARRAY_SHAPES})
+        for key in ARRAY_SHAPES:
+            check_finite(key, getattr(self, key))
+        check_unit("the root of qpos", self.qpos[:, ROOT_QUAT])
+        check_unit("body_quat_w", self.body_quat_w)
+        check_limits(self.qpos[:, QPOS_JOINTS])
+
+    def save(self, path: str | Path) -> None:
+        """Write the clip as ``.npz``; a reader sees the old file or the whole new one.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        path = Path(path)
+        arrays = {key: getattr(self, key) for key in ARRAY_SHAPES}
+        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+        try:
+            with temporary.open("wb") as file:
+                np.savez_compressed(
+                    file,
+                    fps=np.float64(self.fps),
+                    joint_names=np.array(self.joint_names),
+                    body_names=np.array(self.body_names),
+                    **arrays,
+                )
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+    @classmethod
+    def load(cls, path: str | Path) -> "MotionClip":
+        """Read a clip written by ``save``, or by anything that writes the same keys.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            ValueError: the file is no clip, or its clip is not valid; the message names the file.
+        """
+        try:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
+                missing = [key for key in _KEYS if key not in data.files]
+                if missing:
+                    raise ValueError(f"it lacks {', '.join(missing)}; it has {data.files}")
+                arrays: dict[str, Any] = {key: data[key] for key in ARRAY_SHAPES}
+                return cls(
+                    fps=data["fps"].item(),
+                    joint_names=tuple(data["joint_names"].tolist()),
+                    body_names=tuple(data["body_names"].tolist()),
+                    **arrays,
+                )
+        except FileNotFoundError:
+            raise FileNotFoundError(f"there is no motion clip {path}") from None
+        except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile) as error:
+            raise ValueError(f"cannot read the motion clip {path}: {error}") from error
+
+
+def clip_from_qpos(qpos: np.ndarray, fps: float, robot: Robot) -> MotionClip:
+    """Make a clip from configurations alone; MuJoCo gives all the rest.
+
+    Velocities are second-order differences (central inside, one-sided at the two ends), body
+    poses and twists MuJoCo's forward kinematics of ``qpos`` and those velocities.
+
+    Args:
+        qpos: [T, 30], metres, wxyz, radians.
+        fps: frames a second.
+        robot: gives the model.
+
+    Raises:
+        ValueError: as ``MotionClip``.
+    """
+    qpos = np.array(qpos, dtype=np.float64)
+    if qpos.ndim != 2 or qpos.shape[1] != NUM_QPOS or len(qpos) < 2:
+        raise ValueError(f"motion clip: qpos is {qpos.shape}; expected [T >= 2, {NUM_QPOS}]")
+    check_finite("qpos", qpos)
+    check_fps(fps)
+    check_unit("the root of qpos", qpos[:, ROOT_QUAT])
+    qpos[:, ROOT_QUAT] = continuous(qpos[:, ROOT_QUAT])
+    qvel = differentiate_qpos(robot.model, qpos, fps)
+    bodies: dict[str, Any] = body_states(robot, qpos, qvel)
+    return MotionClip(fps=fps, qpos=qpos, qvel=qvel, **bodies)
+
+
+def differentiate_qpos(model: mujoco.MjModel, qpos: np.ndarray, fps: float) -> np.ndarray:
+    """Velocities [T, 29] of configurations [T, 30], by differences taken at each frame.
+
+    Both differences of a frame are taken from that frame, so that the angular velocity is
+    expressed in its own pelvis frame, which is MuJoCo's convention.
+    """
+
+    def difference(start: int, end: int) -> np.ndarray:
+        out = np.zeros(model.nv)
+        mujoco.mj_differentiatePos(model, out, 1.0, qpos[start], qpos[end])
+        return out
+
+    last = len(qpos) - 1
+    qvel = np.empty((len(qpos), model.nv))
+    for t in range(1, last):
+        qvel[t] = (difference(t, t + 1) - difference(t, t - 1)) / 2
+    if last == 1:
+        qvel[0], qvel[1] = difference(0, 1), -difference(1, 0)
+    else:
+        qvel[0] = (4 * difference(0, 1) - difference(0, 2)) / 2
+        qvel[last] = (difference(last, last - 2) - 4 * difference(last, last - 1)) / 2
+    return qvel * fps
+
+
+def body_states(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> dict[str, np.ndarray]:
+    """Poses and twists of the tracked bodies, by MuJoCo's forward kinematics.
+
+    Args:
+        robot: gives the model and the bodies.
+        qpos: [T, 30].
+        qvel: [T, 29].
+
+    Returns:
+        body_pos_w [T, 27, 3], body_quat_w [T, 27, 4], body_lin_vel_w and body_ang_vel_w
+        [T, 27, 3]: world frame, velocities of the bodies' origins.
+    """
+    model, data, ids = robot.model, mujoco.MjData(robot.model), robot.body_ids
+    out = {key: np.empty((len(qpos), *ARRAY_SHAPES[key])) for key in BODY_ARRAYS}
+    roots = model.body_rootid[ids]
+    for t in range(len(qpos)):
+        data.qpos[:], data.qvel[:] = qpos[t], qvel[t]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        out["body_pos_w"][t] = data.xpos[ids]
+        out["body_quat_w"][t] = data.xquat[ids]
+        angular, linear = data.cvel[ids, :3], data.cvel[ids, 3:]
+        # MuJoCo states the linear velocity at the centre of mass of the whole tree.
+        arm = data.xpos[ids] - data.subtree_com[roots]
+        out["body_lin_vel_w"][t] = linear + np.cross(angular, arm)
+        out["body_ang_vel_w"][t] = angular
+    return out
+
+
+def kinematics_error(clip: MotionClip, robot: Robot) -> tuple[float, float]:
+    """Largest disagreement of a clip's body poses with forward kinematics of its ``qpos``.
+
+    A clip made for another model (other link lengths, other hand points) shows here.
+
+    Returns:
+        Position in metres, angle in radians.
+    """
+    poses = body_states(robot, clip.qpos, clip.qvel)
+    offset = np.linalg.norm(poses["body_pos_w"] - clip.body_pos_w, axis=-1)
+    angle = angle_between(poses["body_quat_w"], clip.body_quat_w)
+    return float(offset.max()), float(angle.max())
+
+
+def resample(clip: MotionClip, fps: float, robot: Robot) -> MotionClip:
+    """The same motion at another rate: joints and root linearly, root orientation by slerp.
+
+    The last frame is the last whole step of the new rate within the clip. A clip that already has
+    the rate is returned as it is.
+
+    Raises:
+        ValueError: ``fps`` is not positive, or too low to leave two frames.
+    """
+    check_fps(fps)
+    if fps == clip.fps:
+        return clip
+    # A whole number of frames must not be lost to rounding.
+    count = int(np.floor(clip.duration_s * fps + 1e-6)) + 1
+    frame = np.minimum(np.arange(count) * (clip.fps / fps), clip.num_frames - 1)
+    low = np.minimum(frame.astype(int), clip.num_frames - 2)
+    part = (frame - low)[:, None]
+    qpos = (1 - part) * clip.qpos[low] + part * clip.qpos[low + 1]
+    quats = clip.qpos[:, ROOT_QUAT]
+    qpos[:, ROOT_QUAT] = slerp(quats[low], quats[low + 1], part)
+    return clip_from_qpos(qpos, fps, robot)
