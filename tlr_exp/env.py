@@ -22,11 +22,8 @@ from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import Robot
+from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES
 from tlr_exp.settings import EnvSettings
-
-OBSERVATIONS = tuple(observations.OBSERVATION_DIMS)
-ACTIONS = ("default_pose", "current_pose")
-START_PHASES = ("random", "zero")
 
 
 class TrackingEnv(EnvBase):

@@ -43,6 +43,7 @@ class Ppo:
         critic: writes ``state_value``.
         settings: see ``conf/ppo``.
         seed: of the generator that shuffles the minibatches.
+        exploration: the generator that the actor draws its noise from; saved with the learner.
     """
 
     def __init__(
@@ -51,8 +52,10 @@ class Ppo:
         critic: TensorDictModule,
         settings: PpoSettings,
         seed: int,
+        exploration: torch.Generator,
     ) -> None:
         self.actor, self.critic, self.settings = actor, critic, settings
+        self.exploration = exploration
         self.advantage = GAE(
             gamma=settings.gamma,
             lmbda=settings.gae_lambda,
@@ -169,6 +172,7 @@ class Ppo:
             "critic": self.critic.state_dict(),
             "adam": self.adam.state_dict(),
             "generator": self.generator.get_state(),
+            "exploration": self.exploration.get_state(),
         }
 
     def load_state_dict(self, state: dict[str, dict]) -> None:
@@ -176,3 +180,4 @@ class Ppo:
         self.critic.load_state_dict(state["critic"])
         self.adam.load_state_dict(state["adam"])
         self.generator.set_state(state["generator"])
+        self.exploration.set_state(state["exploration"])

@@ -1,0 +1,147 @@
+"""Builds the parts of a run from its settings: who gets what, and which random stream."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torchrl.collectors import Collector
+from torchrl.envs import ExplorationType
+
+from tlr_exp import g1
+from tlr_exp.config import ConfigError, instantiate
+from tlr_exp.env import TrackingEnv
+from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
+from tlr_exp.motion.clip import MotionClip, resample
+from tlr_exp.motion.keyframes import load_motion
+from tlr_exp.motion.reference import Reference
+from tlr_exp.networks import build_actor, build_critic
+from tlr_exp.ppo import Ppo
+from tlr_exp.reward import RewardSplit
+from tlr_exp.robot import Robot, build_robot
+from tlr_exp.settings import EnvSettings, ResetNoise, Settings
+from tlr_exp.trainer import Trainer
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Independent random streams of one run, all from its seed."""
+
+    env: int
+    networks: int
+    exploration: int
+    minibatches: int
+    weights: int
+
+    @classmethod
+    def of(cls, seed: int) -> "Seeds":
+        # 63 bits: the largest seed that both torch and NumPy take.
+        states = np.random.SeedSequence(seed).generate_state(5, dtype=np.uint64) >> np.uint64(1)
+        return cls(*(int(state) for state in states))
+
+
+def build_robot_of(settings: EnvSettings, visuals: bool = False) -> Robot:
+    """The robot of a configuration, with meshes where pictures are made of it."""
+    robot = settings.robot
+    return build_robot(robot.mjcf, robot.gains, robot.collisions, visuals)
+
+
+def build_clip(settings: EnvSettings, robot: Robot) -> MotionClip:
+    """The motion of a configuration at the control rate."""
+    clip = load_motion(settings.motion, robot)
+    rate_hz = 1.0 / g1.CONTROL_DT_S
+    return clip if clip.fps == rate_hz else resample(clip, rate_hz, robot)
+
+
+def build_split(settings: Settings) -> RewardSplit:
+    return RewardSplit(settings.reward.goal, settings.reward.optimizing, g1.CONTROL_DT_S)
+
+
+def build_env(settings: Settings, robot: Robot, clip: MotionClip) -> TrackingEnv:
+    """The environment that a run trains in."""
+    return _build_env(settings, settings.env, robot, clip, settings.scale.num_envs)
+
+
+def build_evaluation_env(
+    settings: Settings, robot: Robot, clip: MotionClip, num_envs: int = 1
+) -> TrackingEnv:
+    """One robot from phase 0, without noise, whose episode no failure ends."""
+    no_noise = ResetNoise(*(0.0 for _ in dataclasses.fields(ResetNoise)))
+    env_settings = dataclasses.replace(settings.env, start_phase="zero", reset_noise=no_noise)
+    return _build_env(settings, env_settings, robot, clip, num_envs, failures=False)
+
+
+def _build_env(
+    settings: Settings,
+    env_settings: EnvSettings,
+    robot: Robot,
+    clip: MotionClip,
+    num_envs: int,
+    failures: bool = True,
+) -> TrackingEnv:
+    reward = settings.reward
+    return TrackingEnv(
+        physics=instantiate(
+            settings.physics, robot=robot, num_envs=num_envs, device=settings.device
+        ),
+        reference=Reference(clip, settings.device),
+        robot=robot,
+        terms={name: reward.parameters.get(name, {}) for name in build_split(settings).term_names},
+        settings=env_settings,
+        training_steps=settings.scale.iterations * settings.ppo.num_steps,
+        seed=Seeds.of(settings.seed).env,
+        failures=failures,
+    )
+
+
+def build_ppo(settings: Settings) -> Ppo:
+    """Actor, critic and learner on the run's device."""
+    seeds, device = Seeds.of(settings.seed), check_device(settings.device)
+    observation_dim = OBSERVATION_DIMS[settings.env.observation]
+    exploration = torch.Generator(device=device).manual_seed(seeds.exploration)
+    # The layers draw their first weights from the global generator: give them one of their own.
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seeds.networks)
+        actor = build_actor(observation_dim, g1.NUM_JOINTS, settings.ppo, exploration)
+        critic = build_critic(observation_dim, PRIVILEGED_DIM, settings.ppo)
+    return Ppo(actor.to(device), critic.to(device), settings.ppo, seeds.minibatches, exploration)
+
+
+def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
+    """The training iteration over ``env``; starts (or after a restoration resumes) its episodes."""
+    split = build_split(settings)
+    num_envs, num_steps = settings.scale.num_envs, settings.ppo.num_steps
+    collector = Collector(
+        env,
+        ppo.actor,
+        frames_per_batch=num_envs * num_steps,
+        total_frames=-1,
+        exploration_type=ExplorationType.RANDOM,
+        track_traj_ids=False,
+        auto_register_policy_transforms=False,
+    )
+    batches = iter(collector)
+    weight_optimizer = build_weight_optimizer(settings, split)
+    return Trainer(lambda: next(batches), split, weight_optimizer, ppo, num_envs)
+
+
+def build_weight_optimizer(settings: Settings, split: RewardSplit):
+    """The lower layer's optimizer; it works on the CPU, where its small tensors are fastest."""
+    return instantiate(
+        settings.optimizer,
+        num_terms=len(split.optimizing_names),
+        objective=instantiate(settings.reward.objective),
+        seed=Seeds.of(settings.seed).weights,
+        device="cpu",
+    )
+
+
+def check_device(name: str) -> torch.device:
+    """The device of that name.
+
+    Raises:
+        ConfigError: it is not there.
+    """
+    if name != "cpu" and not torch.cuda.is_available():
+        raise ConfigError(f"device is {name!r}, but PyTorch finds no CUDA device here; allowed: cpu")
+    return torch.device(name)

@@ -1,0 +1,185 @@
+"""From Hydra's configuration to checked ``Settings``: types, allowed values, what fits together.
+
+Hydra and OmegaConf stay within this file and the entry points. Nothing heavy is imported, so
+that a mistake shows within a second or two.
+"""
+
+import difflib
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate as hydra_instantiate
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from tlr_exp import keys
+from tlr_exp.constraints import violations
+from tlr_exp.settings import RewardSettings, Settings
+
+CONFIG_PATH = "pkg://tlr_exp.conf"
+
+# Keys that change where or how a run is made, not what it learns.
+NOT_IDENTITY = ("resume", "runs_dir", "tracking_uri", "study", "num_threads", "scale.evidence")
+
+
+class ConfigError(ValueError):
+    """The configuration is wrong; each line names a key and what is allowed."""
+
+
+def plain_config(config: DictConfig) -> dict[str, Any]:
+    """The resolved configuration as plain data, without Hydra's own part."""
+    return OmegaConf.to_container(OmegaConf.masked_copy(config, _own_keys(config)), resolve=True)  # type: ignore[return-value]
+
+
+def _own_keys(config: DictConfig) -> list[str]:
+    return [str(key) for key in config if key != "hydra"]
+
+
+def load_settings(config: DictConfig | Mapping[str, Any]) -> Settings:
+    """Check a configuration against the schema and against itself.
+
+    Raises:
+        ConfigError: names every wrong key with what is allowed.
+    """
+    plain = plain_config(OmegaConf.create(dict(config)))
+    try:
+        typed = OmegaConf.merge(OmegaConf.structured(Settings), plain)
+        settings: Settings = OmegaConf.to_object(typed)  # type: ignore[assignment]
+    except OmegaConfBaseException as error:
+        raise ConfigError(_explain_type_error(error)) from None
+    problems = [
+        *_component_types(plain),
+        *violations(plain),
+        *_reward_problems(settings.reward),
+        *_fit_problems(settings),
+    ]
+    if problems:
+        raise ConfigError("\n".join(problems))
+    return settings
+
+
+def instantiate(node: Mapping[str, Any], **arguments: Any) -> Any:
+    """Build the object that ``_target_`` of a configuration node names.
+
+    Raises:
+        ConfigError: there is no such class, or it refuses its settings.
+    """
+    try:
+        return hydra_instantiate(OmegaConf.create(dict(node)), **arguments)
+    except InstantiationException as error:
+        cause = error.__cause__ or error
+        raise ConfigError(f"{node.get('_target_')}: {cause}") from cause
+
+
+# --- checks ----------------------------------------------------------------------------------
+
+
+def _explain_type_error(error: OmegaConfBaseException) -> str:
+    key = error.full_key or ""
+    message = str(error.msg or error).splitlines()[0]
+    parent, _, name = key.rpartition(".")
+    if "not in" in message:
+        siblings = _schema_keys(parent)
+        close = difflib.get_close_matches(name, siblings, n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        return f"there is no key {key};{hint} allowed here: {', '.join(siblings)}"
+    return f"{key}: {message}"
+
+
+def _schema_keys(path: str) -> list[str]:
+    schema = OmegaConf.structured(Settings)
+    node = OmegaConf.select(schema, path) if path else schema
+    return [str(key) for key in node] if isinstance(node, DictConfig) else []
+
+
+def _component_types(config: Mapping[str, Any]) -> Iterator[str]:
+    """Settings of exchangeable parts whose type differs from that in the part's own YAML file."""
+    for group, node in _components(config):
+        target = node.get("_target_")
+        if not isinstance(target, str):
+            yield f"{group}._target_ is {target!r}; it must name a class"
+            continue
+        standard = _standard_settings(group, target)
+        for name, value in node.items():
+            if name in standard and not _same_type(value, standard[name]):
+                kind = type(standard[name]).__name__
+                yield f"{group}.{name} is {value!r}; it must be of type {kind}"
+
+
+def _components(config: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    yield "physics", config["physics"]
+    yield "optimizer", config["optimizer"]
+    yield "reward.objective", config["reward"]["objective"]
+
+
+def _standard_settings(group: str, target: str) -> dict[str, Any]:
+    for path in sorted(_conf(group.replace(".", "/")).glob("*.yaml")):
+        content = OmegaConf.to_container(OmegaConf.load(path))
+        if isinstance(content, dict) and content.get("_target_") == target:
+            return {str(key): value for key, value in content.items()}
+    return {}
+
+
+def _conf(folder: str) -> Path:
+    return Path(str(files("tlr_exp.conf").joinpath(folder)))
+
+
+def _same_type(value: Any, standard: Any) -> bool:
+    if standard is None or value is None:
+        return True
+    if isinstance(standard, float):
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return type(value) is type(standard)
+
+
+def _reward_problems(reward: RewardSettings) -> Iterator[str]:
+    for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
+        for name in terms:
+            if name not in keys.TERM_NAMES:
+                yield (
+                    f"reward.{group}.{name} is no reward term; allowed: "
+                    f"{', '.join(keys.TERM_NAMES)}"
+                )
+    for name in (*reward.goal, *reward.optimizing):
+        needed = set(keys.TERM_PARAMETERS.get(name, ()))
+        given = set(reward.parameters.get(name, {}))
+        if needed != given:
+            yield f"reward.parameters.{name} has {sorted(given)}; it needs {sorted(needed)}"
+
+
+def _fit_problems(settings: Settings) -> Iterator[str]:
+    ppo, termination = settings.ppo, settings.env.termination
+    if settings.scale.num_envs * ppo.num_steps < ppo.num_minibatches:
+        yield "ppo.num_minibatches exceeds the samples of an iteration (num_envs * num_steps)"
+    if not ppo.min_learning_rate <= ppo.learning_rate <= ppo.max_learning_rate:
+        yield "ppo.learning_rate must lie from ppo.min_learning_rate to ppo.max_learning_rate"
+    if termination.distance_end_m > termination.distance_start_m:
+        yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
+    share = settings.reward.objective.get("threshold_share")
+    if isinstance(share, float) and 0.0 < share < 1.0 and share * settings.scale.num_envs < 1.0:
+        yield (
+            f"reward.objective.threshold_share {share:g} of scale.num_envs "
+            f"{settings.scale.num_envs} leaves no candidate; use more environments"
+        )
+    if settings.env.robot.mjcf is not None and not Path(settings.env.robot.mjcf).is_file():
+        yield f"env.robot.mjcf: there is no file {settings.env.robot.mjcf}"
+    yield from _motion_problems(settings.env.motion)
+
+
+def _motion_problems(motion: str) -> Iterator[str]:
+    authored = sorted(
+        path.name.removesuffix(".yaml")
+        for path in files("tlr_exp.motion.clips").iterdir()
+        if path.name.endswith(".yaml")
+    )
+    if Path(motion).suffix in (".yaml", ".npz"):
+        if not Path(motion).is_file():
+            yield f"env.motion: there is no file {motion}"
+    elif motion not in authored:
+        yield (
+            f"env.motion is {motion!r}; allowed: {', '.join(authored)}, or a path that ends in "
+            ".yaml or .npz"
+        )

@@ -1,0 +1,118 @@
+"""One training iteration of the two-layered method, readable as the algorithm.
+
+The trainer knows neither the environment nor which weight optimizer is in use; everything that
+surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.train``.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from time import perf_counter
+
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from tlr_exp import keys
+from tlr_exp.episodes import EpisodeLengths
+from tlr_exp.optimizers.protocol import WeightOptimizer, WeightUpdate
+from tlr_exp.ppo import Ppo, PpoDiagnostics
+from tlr_exp.reward import RewardSplit
+
+
+class Trainer:
+    """Collect, find the weights, compose the reward, estimate advantages, update the policy.
+
+    Args:
+        collect: returns a batch [num_envs, num_steps] of the present policy.
+        split: the two layers of the reward.
+        weight_optimizer: finds the lower layer's weights of each iteration.
+        ppo: the learner.
+        num_envs: number of environments in a batch.
+    """
+
+    def __init__(
+        self,
+        collect: Callable[[], TensorDictBase],
+        split: RewardSplit,
+        weight_optimizer: WeightOptimizer,
+        ppo: Ppo,
+        num_envs: int,
+    ) -> None:
+        self.collect = collect
+        self.split = split
+        self.weight_optimizer = weight_optimizer
+        self.ppo = ppo
+        self.episodes = EpisodeLengths(num_envs)
+        self.env_steps = 0
+        self.seconds: dict[str, float] = {}
+
+    def train_iteration(self) -> dict[str, float]:
+        """One iteration (Algorithm 1 of the paper around PPO); returns its metrics by name.
+
+        Raises:
+            NonFiniteLossError: the loss is not finite.
+        """
+        with self._timed("collect"):
+            batch = self.collect()
+        terms = batch["next", keys.REWARD_TERMS]
+        with self._timed("weights"):
+            found = self.weight_optimizer.update(*self.split.returns(terms))
+        batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
+        with self._timed("advantage"):
+            self.ppo.estimate_advantages(batch)
+        with self._timed("update"):
+            diagnostics = self.ppo.update(batch)
+
+        self.env_steps += batch.numel()
+        self.episodes.add(batch["next", keys.DONE].squeeze(-1))
+        return self._metrics(batch, found, diagnostics)
+
+    def _metrics(
+        self, batch: TensorDictBase, found: WeightUpdate, diagnostics: PpoDiagnostics
+    ) -> dict[str, float]:
+        after = batch["next"]
+        return {
+            keys.ENV_STEPS: self.env_steps,
+            keys.EPISODE_LENGTH: self.episodes.mean_length,
+            keys.TRAIN_UPPER_BODY_ERROR: after[keys.UPPER_BODY_ERROR].mean().item(),
+            keys.TRAIN_LOWER_BODY_ERROR: after[keys.LOWER_BODY_ERROR].mean().item(),
+            keys.TRAIN_JOINT_ERROR: after[keys.JOINT_ERROR].mean().item(),
+            keys.UNSTABLE_ENVS: after[keys.UNSTABLE].sum().item(),
+            keys.OBJECTIVE_BEFORE: found.baseline_objective,
+            keys.OBJECTIVE_AFTER: found.objective,
+            keys.OPTIMAL_SHARE: found.optimal_share,
+            keys.STEP_REWARD: after[keys.REWARD].mean().item(),
+            **_named(keys.REWARD_TERM_PREFIX, self.split.term_names, _mean_terms(after)),
+            **_named(keys.WEIGHT_PREFIX, self.split.optimizing_names, found.weights),
+            **{keys.PPO_PREFIX + name: value for name, value in asdict(diagnostics).items()},
+            **{f"{keys.TIME_PREFIX}{name}_s": value for name, value in self.seconds.items()},
+        }
+
+    @contextmanager
+    def _timed(self, phase: str) -> Iterator[None]:
+        start = perf_counter()
+        yield
+        self.seconds[phase] = perf_counter() - start
+
+    def state_dict(self) -> dict[str, object]:
+        """All that the learner needs to go on bit for bit (the simulation is saved apart)."""
+        return {
+            "ppo": self.ppo.state_dict(),
+            "weight_optimizer": self.weight_optimizer.state_dict(),
+            "episodes": self.episodes.state_dict(),
+            "env_steps": self.env_steps,
+        }
+
+    def load_state_dict(self, state: dict) -> None:
+        self.ppo.load_state_dict(state["ppo"])
+        self.weight_optimizer.load_state_dict(state["weight_optimizer"])
+        self.episodes.load_state_dict(state["episodes"])
+        self.env_steps = state["env_steps"]
+
+
+def _mean_terms(after: TensorDictBase) -> Tensor:
+    return after[keys.REWARD_TERMS].flatten(0, 1).mean(dim=0)
+
+
+def _named(prefix: str, names: tuple[str, ...], values: Tensor) -> dict[str, float]:
+    return {prefix + name: value for name, value in zip(names, values.tolist(), strict=True)}
