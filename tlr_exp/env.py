@@ -126,7 +126,7 @@ class TrackingEnv(EnvBase):
         )
         self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
         self.state: PhysicsState = self.physics.state()
-        self.unstable_states: dict[str, Tensor] = {}
+        self._unstable_states: list[tuple[Tensor, ...]] = []
         self._resume_pending = False
 
     # --- stepping ----------------------------------------------------------------------------
@@ -179,12 +179,18 @@ class TrackingEnv(EnvBase):
         unstable = ~(state.qpos.isfinite().all(-1) & state.qvel.isfinite().all(-1))
         if not unstable.any():
             return state, unstable
-        self.unstable_states = {
-            "qpos": before.qpos[unstable].clone(),
-            "qvel": before.qvel[unstable].clone(),
-            "action": action[unstable].clone(),
-        }
+        rows = (before.qpos[unstable], before.qvel[unstable], action[unstable])
+        self._unstable_states.append(tuple(row.clone() for row in rows))
         return torch.where(unstable, before, state), unstable
+
+    def take_unstable_states(self) -> dict[str, Tensor]:
+        """States [n, ...] and actions from which simulations went wrong since the last call."""
+        taken, self._unstable_states = self._unstable_states, []
+        columns = zip(*taken, strict=True) if taken else ([], [], [])
+        return {
+            name: torch.cat(column) if column else torch.empty(0)
+            for name, column in zip(("qpos", "qvel", "action"), map(list, columns), strict=True)
+        }
 
     def _frame_index(self) -> Tensor:
         index = self.start_frame + self.episode_step + self.settings.reference_lead

@@ -1,0 +1,44 @@
+# Run `make help` for what there is.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+ARGS ?=
+
+.DEFAULT_GOAL := help
+
+help: ## Explain the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+
+# PyTorch goes first and by its exact version: any other requirement could bring a build with
+# gigabytes of CUDA libraries.
+$(INSTALLED): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+install: $(INSTALLED) ## Make .venv with everything in it (the other targets do it by themselves)
+
+train: $(INSTALLED) ## Train the two-layered reward at demo scale; ARGS='optimizer=fixed seed=1' changes it
+	$(BIN)/tlr-train $(ARGS)
+
+dashboard: $(INSTALLED) ## Open the MLflow dashboard of the runs in runs/
+	$(BIN)/mlflow server --backend-store-uri sqlite:///$(CURDIR)/runs/mlflow.db --host 127.0.0.1 --port 5000
+
+check: $(INSTALLED) ## Style, types and import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+test: $(INSTALLED) ## The test suite (slow and gpu tests apart: ARGS='-m slow')
+	$(BIN)/python -m pytest -rs $(ARGS)
+
+bench: $(INSTALLED) ## The benchmarks, as ratios measured in one run
+	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
+
+clean: ## Remove the environment and caches (never runs/)
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
+
+.PHONY: help install train dashboard check test bench clean

@@ -1,0 +1,1 @@
+"""Authored motions, one YAML of keyframes each."""

@@ -1,0 +1,117 @@
+"""``tlr-train``: one run from the command line (``-m`` for many). It wires and does nothing else."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from tlr_exp.command_line import explain_mistakes
+from tlr_exp.config import CONFIG_PATH, NOT_IDENTITY, ConfigError, load_settings, plain_config
+from tlr_exp.mirror import Mirror, default_tracking_uri
+from tlr_exp.recording import FAILED, FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.runs import config_hash, find_run, next_run_path
+from tlr_exp.settings import Settings
+from tlr_exp.storage import StorageError
+
+EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
+
+
+def main() -> None:
+    """Entry point of ``tlr-train``."""
+    explain_mistakes(sys.argv[1:])
+    _train()
+
+
+@hydra.main(version_base="1.3", config_path=CONFIG_PATH, config_name="config")
+def _train(config: DictConfig) -> None:
+    with _errors_for_people():
+        settings = load_settings(config)
+        run = open_run(settings, config)
+        if run.status == FINISHED:
+            print(f"this configuration has been trained already: {run.path}")
+            return
+        with run.lock():
+            train_in(run, settings)
+
+
+def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
+    """A new run directory, or with ``resume=auto`` the latest one of the same configuration."""
+    plain = plain_config(config)
+    identity = config_hash(plain, NOT_IDENTITY)
+    root = Path(settings.runs_dir) / settings.study
+    method = HydraConfig.get().runtime.choices["optimizer"]
+    found = find_run(root, identity) if settings.resume == "auto" and root.is_dir() else None
+    if found is not None:
+        return found
+    name = f"{settings.scale.name}-{method}-seed{settings.seed}-{identity}"
+    tags = {
+        "method": method,
+        "scale": settings.scale.name,
+        "device": settings.device,
+        "motion": settings.env.motion,
+        "experiment": settings.study,
+    }
+    return RunDirectory.create(next_run_path(root, name), plain, tags, identity)
+
+
+def train_in(run: RunDirectory, settings: Settings) -> None:
+    """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
+    print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
+    mirror = Mirror.start(run, tracking_uri(settings), settings.study)
+    try:
+        # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.
+        from tlr_exp.training import Training
+
+        training = Training(settings, run)
+        outcome = training.train()
+    except BaseException:
+        run.set_status(FAILED)
+        mirror.finish(timeout_s=10.0)
+        raise
+    mirrored = mirror.finish()
+    _say_what_is_there(run, settings, outcome.status, outcome.iteration, training.store.best())
+    if not mirrored:
+        print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
+    if outcome.status != FINISHED:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def tracking_uri(settings: Settings) -> str | None:
+    """The MLflow store of a run; None where the configuration wants none."""
+    if settings.tracking_uri == "none":
+        return None
+    if settings.tracking_uri == "auto":
+        return default_tracking_uri(settings.runs_dir)
+    return settings.tracking_uri
+
+
+def _say_what_is_there(
+    run: RunDirectory, settings: Settings, status: str, iteration: int, best: Path | None
+) -> None:
+    uri = tracking_uri(settings)
+    print(f"\n{status} after iteration {iteration} of {settings.scale.iterations}")
+    print(f"run directory    {run.path}")
+    if best is not None:
+        print(f"best checkpoint  {best}")
+    print(f"evaluate         tlr-evaluate {run.path}")
+    if uri is not None:
+        print(f"dashboard        mlflow server --backend-store-uri {uri}")
+    if status != FINISHED:
+        print("go on            repeat the command with resume=auto")
+
+
+@contextmanager
+def _errors_for_people() -> Iterator[None]:
+    """Errors that have an explanation are printed without a traceback."""
+    try:
+        yield
+    except (ConfigError, RunDirectoryError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(EXIT_CONFIG)
+    except StorageError as error:
+        print(error, file=sys.stderr)
+        sys.exit(EXIT_FAILED)

@@ -1,0 +1,176 @@
+"""A training from start (or checkpoint) to end: iterations, and all that surrounds them."""
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+import numpy as np
+import torch
+
+from tlr_exp import keys
+from tlr_exp.assembly import (
+    build_clip,
+    build_env,
+    build_evaluation_env,
+    build_ppo,
+    build_robot_of,
+    build_trainer,
+)
+from tlr_exp.checkpoint import CheckpointStore
+from tlr_exp.env import TrackingEnv
+from tlr_exp.evaluation import EvaluationResult, evaluate_trajectory, rollout
+from tlr_exp.progress import Display, make_display
+from tlr_exp.recording import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.settings import Settings
+
+# The paper's snapshots (Figures 9-12) at iterations 100, 500, 1000 and 2200 of 2500.
+SNAPSHOT_SHARES = (0.04, 0.2, 0.4, 0.88)
+# More simulations than this share going wrong in one iteration is no accident.
+MAX_UNSTABLE_SHARE = 0.01
+
+
+class UnstableSimulationError(RuntimeError):
+    """Too many simulations stopped being finite in one iteration."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a training ended: its status and the last iteration that is safe in a checkpoint."""
+
+    status: str
+    iteration: int
+
+
+class Training:
+    """One run: its parts, restored from the newest checkpoint where there is one.
+
+    Args:
+        settings: the checked configuration.
+        run: the run directory, locked by the caller.
+
+    Raises:
+        CheckpointError: there are checkpoints, and none can be read.
+        ConfigError: a part refuses its settings, or the device is not there.
+    """
+
+    def __init__(self, settings: Settings, run: RunDirectory) -> None:
+        self.settings, self.run = settings, run
+        if settings.num_threads:
+            torch.set_num_threads(settings.num_threads)
+        self.store = checkpoint_store(settings, run)
+        robot = build_robot_of(settings.env)
+        clip = build_clip(settings.env, robot)
+        self.env = build_env(settings, robot, clip)
+        self.evaluation_env = build_evaluation_env(settings, robot, clip)
+        ppo = build_ppo(settings)
+        saved = self.store.latest_valid(settings.device)
+        if saved is not None:
+            self.env.restore_simulation(saved.state["simulation"])
+        self.trainer = build_trainer(settings, self.env, ppo)
+        if saved is not None:
+            self.trainer.load_state_dict(saved.state["trainer"])
+        self.done = 0 if saved is None else saved.iteration
+
+    def train(self) -> Outcome:
+        """Run the remaining iterations; a signal ends them after a checkpoint."""
+        last = self.settings.scale.iterations
+        self.run.truncate_after(self.done)
+        self.run.set_status(RUNNING)
+        display = make_display(self.done + 1, last)
+        try:
+            with _stop_signals() as stop:
+                for iteration in range(self.done + 1, last + 1):
+                    self._iterate(iteration, display, stop)
+                    if stop and iteration < last:
+                        return self._end(INTERRUPTED)
+        finally:
+            display.close()
+        return self._end(FINISHED)
+
+    def _iterate(self, iteration: int, display: Display, stop: list[int]) -> None:
+        start = time.perf_counter()
+        metrics = self.trainer.train_iteration()
+        self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
+        scale = self.settings.scale
+        is_last = iteration == scale.iterations
+        result = None
+        if is_last or iteration % scale.evaluate_every == 0:
+            result = self._evaluate()
+            metrics |= result.metrics()
+        metrics[f"{keys.TIME_PREFIX}iteration_s"] = time.perf_counter() - start
+        self.run.log(iteration, metrics)
+        due = iteration % scale.checkpoint_every == 0 or iteration in self.store.keep_iterations
+        if due or is_last or result or stop:
+            self._save(iteration, None if result is None else _score(result))
+        display.show(iteration, metrics)
+
+    def _evaluate(self) -> EvaluationResult:
+        """The deterministic policy over the whole motion, judged by the final limits."""
+        limits = self.settings.env.termination
+        trajectory = rollout(
+            self.evaluation_env, self.trainer.ppo.actor, self.trainer.split.term_names
+        )
+        return evaluate_trajectory(trajectory, limits.max_tilt, limits.distance_end_m)
+
+    def _save(self, iteration: int, score: float | None) -> None:
+        self.run.flush()
+        state = {
+            "trainer": self.trainer.state_dict(),
+            "simulation": self.env.simulation_state(),
+        }
+        self.store.save(iteration, state, score)
+        self.done = iteration
+
+    def _end(self, status: str) -> Outcome:
+        self.run.set_status(status)
+        return Outcome(status, self.done)
+
+    def _check_stability(self, iteration: int, unstable: float) -> None:
+        states = self.env.take_unstable_states()
+        limit = MAX_UNSTABLE_SHARE * self.settings.scale.num_envs
+        if unstable <= limit:
+            return
+        path = self.run.path / f"unstable_iteration_{iteration}.npz"
+        np.savez(path, **{name: value.cpu().numpy() for name, value in states.items()})
+        raise UnstableSimulationError(
+            f"in iteration {iteration} {unstable:.0f} of {self.settings.scale.num_envs} "
+            f"simulations stopped being finite (allowed: {limit:.1f}); their last finite states "
+            f"and actions are in {path}"
+        )
+
+
+def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
+    """The checkpoints of a run: the newest, the best, and those of the paper's snapshots."""
+    iterations = settings.scale.iterations
+    snapshots = frozenset(max(1, round(share * iterations)) for share in SNAPSHOT_SHARES)
+    return CheckpointStore(
+        run.path / "checkpoints", settings.scale.keep_checkpoints, snapshots
+    )
+
+
+def _score(result: EvaluationResult) -> float:
+    """What the best checkpoint has most of: minus the mean body error, which falling makes large."""
+    return -0.5 * (result.upper_body_error_m + result.lower_body_error_m)
+
+
+@contextmanager
+def _stop_signals() -> Iterator[list[int]]:
+    """A list that SIGINT or SIGTERM makes non-empty; a second SIGINT interrupts at once."""
+    received: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def note(number: int, _: FrameType | None) -> None:
+        received.append(number)
+        print("\nstopping after this iteration, with a checkpoint …", flush=True)
+        signal.signal(signal.SIGINT, before[signal.SIGINT])
+
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
