@@ -115,3 +115,7 @@ def _errors_for_people() -> Iterator[None]:
     except StorageError as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_FAILED)
+
+
+if __name__ == "__main__":
+    main()

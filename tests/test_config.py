@@ -1,0 +1,126 @@
+"""Every file of conf/ composes, instantiates and is checked; mistakes are named."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_module
+from omegaconf import OmegaConf
+
+from tlr_exp.config import (
+    NOT_IDENTITY,
+    ConfigError,
+    instantiate,
+    load_settings,
+    plain_config,
+)
+from tlr_exp.constraints import CONSTRAINTS, violations
+from tlr_exp.runs import config_hash
+
+CONF = Path(__file__).parents[1] / "conf"
+
+
+def composed(*overrides):
+    with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+        return compose("config", list(overrides))
+
+
+def choices(group):
+    return [path.stem for path in sorted((CONF / group).glob("*.yaml"))]
+
+
+def every_choice():
+    groups = sorted(path.parent.relative_to(CONF) for path in CONF.glob("*/**/*.yaml"))
+    return sorted({(str(group), name) for group in groups for name in choices(group)})
+
+
+@pytest.mark.parametrize(("group", "choice"), every_choice())
+def test_every_choice_composes_and_passes_the_checks(group, choice):
+    if group == "sweep":
+        composed(f"+{group}={choice}")
+        return
+    load_settings(composed(f"{group}={choice}"))
+
+
+@pytest.mark.parametrize("optimizer", choices("optimizer"))
+@pytest.mark.parametrize("objective", choices("reward/objective"))
+def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
+    settings = load_settings(composed(f"optimizer={optimizer}", f"reward/objective={objective}"))
+    built = instantiate(
+        settings.optimizer,
+        num_terms=6,
+        objective=instantiate(settings.reward.objective),
+        seed=0,
+        device="cpu",
+    )
+    assert built.num_terms == 6
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("ppo.gamma=abc", ["ppo.gamma", "abc"]),
+        ("ppo.gamma=1.5", ["ppo.gamma is 1.5", "from 0 to 1"]),
+        ("seed=-1", ["seed is -1", "at least 0"]),
+        ("env.observation=images", ["env.observation", "history, reference"]),
+        ("env.robot.gains=soft", ["env.robot.gains", "beyondmimic, asap"]),
+        ("optimizer.pack_size=2", ["optimizer.pack_size is 2", "at least 3"]),
+        ("optimizer.pack_size=many", ["optimizer.pack_size", "must be of type int"]),
+        ("optimizer.tie_break=last", ["optimizer.tie_break", "first, largest_norm"]),
+        ("reward.objective.threshold_share=1.5", ["threshold_share", "above 0 and below 1"]),
+        ("reward.objective.threshold_share=0.001", ["threshold_share", "no candidate"]),
+        ("+reward.goal.speed=1.0", ["reward.goal.speed", "body_pos"]),
+        ("+reward.goal.feet_pos=1.0", ["reward.parameters.feet_pos", "sigma"]),
+        ("env.motion=moonwalk", ["env.motion is 'moonwalk'", "gym_motion"]),
+        ("env.motion=moonwalk.npz", ["no file moonwalk.npz"]),
+        ("env.robot.mjcf=nowhere.xml", ["env.robot.mjcf", "no file nowhere.xml"]),
+        ("env.termination.distance_end_m=2.0", ["distance_end_m exceeds"]),
+        ("ppo.max_learning_rate=1e-4", ["ppo.learning_rate"]),
+        ("resume=maybe", ["resume is 'maybe'", "never, auto"]),
+        ("device=tpu", ["device is 'tpu'", "cuda"]),
+        ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
+        ("+extra=1", ["there is no key extra", "seed"]),
+    ],
+)
+def test_a_mistake_is_named_with_what_is_allowed(override, words):
+    with pytest.raises(ConfigError) as error:
+        load_settings(composed(override))
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_several_mistakes_are_named_together():
+    with pytest.raises(ConfigError) as error:
+        load_settings(composed("seed=-1", "ppo.gamma=2"))
+    assert len(str(error.value).splitlines()) == 2
+
+
+def test_every_constrained_key_exists_in_some_configuration():
+    configs = [
+        plain_config(composed(*overrides))
+        for overrides in ([], ["physics=mjx"], ["optimizer=random"])
+    ]
+    for key in CONSTRAINTS:
+        found = [OmegaConf.select(OmegaConf.create(c), key, default="absent") for c in configs]
+        assert any(value != "absent" for value in found), key
+    assert all(violations(config) == [] for config in configs)
+
+
+def test_a_class_that_does_not_exist_is_an_error_of_the_configuration():
+    with pytest.raises(ConfigError, match=r"tlr_exp\.optimizers\.nothing\.Nothing"):
+        instantiate({"_target_": "tlr_exp.optimizers.nothing.Nothing"})
+
+
+def test_the_identity_ignores_where_a_run_is_kept_and_nothing_that_it_learns_from():
+    def identity(*overrides):
+        return config_hash(plain_config(composed(*overrides)), NOT_IDENTITY)
+
+    assert identity() == identity("runs_dir=elsewhere", "resume=auto", "tracking_uri=none")
+    assert identity() != identity("seed=1")
+    assert identity() != identity("optimizer=fixed")
+    assert identity() != identity("ppo.gamma=0.98")
+
+
+def test_the_two_arms_of_a_study_differ_in_the_optimizer_alone():
+    static, two_layered = (plain_config(composed(f"optimizer={o}")) for o in ("fixed", "gwo"))
+    assert static.pop("optimizer") != two_layered.pop("optimizer")
+    assert static == two_layered
