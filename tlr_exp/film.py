@@ -1,0 +1,62 @@
+"""The video of an evaluation: the robot, its reference as a ghost, time and errors written in."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tlr_exp import g1
+from tlr_exp.evaluation import Trajectory, body_distance
+from tlr_exp.media import write_video
+from tlr_exp.render import Camera, render_frames
+from tlr_exp.robot import Robot
+
+FRAME_RATE_HZ = 25.0
+
+
+def film_evaluation(
+    path: str | Path,
+    robot: Robot,
+    trajectory: Trajectory,
+    *,
+    width: int = 640,
+    height: int = 480,
+    camera: Camera | None = None,
+    quality: str = "fast",
+) -> Path:
+    """Write the trajectory as an MP4 that runs in real time.
+
+    Args:
+        path: the file; its folder must exist.
+        robot: from ``build_robot(visuals=True)``.
+        trajectory: from ``tlr_exp.evaluation.rollout``.
+        width, height, camera, quality: as ``render_frames``.
+
+    Raises:
+        GraphicsUnavailable: nothing can be drawn on this machine; no file is left.
+        StorageError: the file cannot be written.
+    """
+    stride = max(1, round(1.0 / (trajectory.control_dt_s * FRAME_RATE_HZ)))
+    shown = np.arange(0, trajectory.num_steps, stride)
+    frames: Iterator[np.ndarray] = render_frames(
+        robot,
+        trajectory.qpos[shown],
+        trajectory.reference_qpos[shown],
+        width=width,
+        height=height,
+        camera=camera,
+        captions=captions(trajectory, shown),
+        quality=quality,
+    )
+    return write_video(path, frames, 1.0 / (stride * trajectory.control_dt_s))
+
+
+def captions(trajectory: Trajectory, shown: np.ndarray) -> list[str]:
+    """Time, phase and the errors of the steps ``shown``, one text each."""
+    distance = body_distance(trajectory.body_pos_w, trajectory.reference_body_pos_w)
+    upper, lower = distance[:, g1.UPPER_BODY].mean(axis=1), distance[:, g1.LOWER_BODY].mean(axis=1)
+    return [
+        f"{(k + 1) * trajectory.control_dt_s:.2f} s   phase {(k + 1) / trajectory.num_steps:.2f}\n"
+        f"upper body {upper[k]:.3f} m   lower body {lower[k]:.3f} m"
+        for k in shown
+    ]
