@@ -1,0 +1,201 @@
+"""Measures of an evaluation: hand arithmetic, known delays, and a real roll-out."""
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from tlr_exp import g1, keys
+from tlr_exp.evaluation import (
+    Trajectory,
+    body_distance,
+    evaluate_trajectory,
+    latency,
+    result_table,
+    share_before_first,
+    tilt,
+)
+
+DT = 0.02
+
+
+def joint_motion(time_s: np.ndarray) -> np.ndarray:
+    """Three joints that move smoothly and without a period within the delays looked for."""
+    return np.stack(
+        [
+            np.sin(1.9 * time_s) + 0.3 * np.sin(4.1 * time_s + 1.0),
+            0.5 * np.cos(2.7 * time_s) + 0.1 * time_s,
+            0.2 * np.sin(3.3 * time_s + 0.5),
+        ],
+        axis=1,
+    )
+
+
+def still_trajectory(num_steps: int = 100) -> Trajectory:
+    """A robot that stands upright on its reference."""
+    qpos = np.zeros((num_steps, 30))
+    qpos[:, 3] = 1.0
+    bodies = np.zeros((num_steps, len(g1.TRACKED_BODIES), 3))
+    return Trajectory(
+        control_dt_s=DT,
+        qpos=qpos,
+        reference_qpos=qpos.copy(),
+        body_pos_w=bodies,
+        reference_body_pos_w=bodies.copy(),
+        terms={"base_height": np.linspace(0.0, 1.0, num_steps)},
+        unstable=np.zeros(num_steps, dtype=bool),
+    )
+
+
+# --- latency ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.06, 0.3, -0.04, 0.013, 0.047, -0.009])
+def test_latency_finds_a_known_delay(delay_s):
+    time_s = np.arange(400) * DT
+    found = latency(joint_motion(time_s), joint_motion(time_s - delay_s), DT)
+    assert found.ms == pytest.approx(1000 * delay_s, abs=0.5)
+    assert found.correlation == pytest.approx(1.0, abs=2e-3)
+    assert found.reason == ""
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-0.3, 0.3), st.floats(0.05, 20.0), st.floats(-3.0, 3.0))
+def test_latency_ignores_gain_and_offset_of_the_motion(delay_s, gain, offset):
+    time_s = np.arange(400) * DT
+    found = latency(joint_motion(time_s), gain * joint_motion(time_s - delay_s) + offset, DT)
+    assert found.ms == pytest.approx(1000 * delay_s, abs=0.5)
+
+
+def test_latency_changes_sign_when_reference_and_motion_change_places():
+    time_s = np.arange(300) * DT
+    early, late = joint_motion(time_s), joint_motion(time_s - 0.05)
+    assert latency(early, late, DT).ms == pytest.approx(-latency(late, early, DT).ms, abs=1e-6)
+
+
+def test_latency_is_that_of_the_joints_that_move():
+    time_s = np.arange(300) * DT
+    reference, motion = joint_motion(time_s), joint_motion(time_s - 0.04)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((300, 20))
+    found = latency(np.hstack((reference, noise)), np.hstack((motion, noise[::-1])), DT)
+    assert found.ms == pytest.approx(40.0, abs=0.5)
+
+
+def test_no_latency_of_a_constant_motion():
+    time_s = np.arange(300) * DT
+    moving, still = joint_motion(time_s), np.ones((300, 3))
+    for reference, motion in ((still, still), (moving, still), (still, moving)):
+        found = latency(reference, motion, DT)
+        assert found.ms is None
+        assert "no joint moves" in found.reason
+
+
+def test_no_latency_of_unlike_motions():
+    rng = np.random.default_rng(0)
+    found = latency(rng.standard_normal((400, 3)), rng.standard_normal((400, 3)), DT)
+    assert found.ms is None
+    assert "correlation" in found.reason
+
+
+def test_no_latency_beyond_the_longest_delay_looked_for():
+    time_s = np.arange(400) * DT
+    slow = np.stack([np.sin(0.7 * time_s), np.cos(0.5 * time_s)], axis=1)
+    slow_late = np.stack([np.sin(0.7 * (time_s - 0.9)), np.cos(0.5 * (time_s - 0.9))], axis=1)
+    found = latency(slow, slow_late, DT)
+    assert found.ms is None
+    assert "no delay within" in found.reason
+
+
+def test_no_latency_of_a_short_motion():
+    found = latency(joint_motion(np.arange(20) * DT), joint_motion(np.arange(20) * DT), DT)
+    assert found.ms is None
+    assert "shorter" in found.reason
+
+
+# --- errors and survival ---------------------------------------------------------------------
+
+
+def test_body_distance_is_euclidean():
+    here = np.zeros((1, 2, 3))
+    there = np.array([[[0.3, 0.4, 0.0], [0.0, 0.0, -2.0]]])
+    np.testing.assert_allclose(body_distance(here, there), [[0.5, 2.0]])
+
+
+def test_errors_are_means_over_the_bodies_of_each_half():
+    trajectory = still_trajectory()
+    # Both hands 0.11 m off all the time: 2 of the 11 upper bodies, none of the lower ones.
+    for name in ("left_hand", "right_hand"):
+        trajectory.body_pos_w[:, g1.TRACKED_BODIES.index(name), 1] = 0.11
+    # The pelvis 0.32 m off in half of the steps: 1 of the 16 lower bodies.
+    trajectory.body_pos_w[:50, g1.PELVIS, 2] = 0.32
+    trajectory.qpos[:, 7] = 0.23  # one of 23 joints
+    result = evaluate_trajectory(trajectory, max_tilt=0.8, max_distance_m=1.0)
+    assert result.upper_body_error_m == pytest.approx(0.02)
+    assert result.lower_body_error_m == pytest.approx(0.01)
+    assert result.joint_error_rad == pytest.approx(0.01)
+    assert result.terms == {"base_height": pytest.approx(0.5)}
+    assert result.survival == result.upright == 1.0
+    assert result.duration_s == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("event", "share"),
+    [([False] * 4, 1.0), ([True] + [False] * 3, 0.0), ([False, False, True, False], 0.5)],
+)
+def test_share_before_first(event, share):
+    assert share_before_first(np.array(event)) == share
+
+
+@pytest.mark.parametrize(
+    ("axis", "angle_deg"), [((1, 0, 0), 30), ((0, 1, 0), 30), ((0, 1, 0), -30)]
+)
+def test_tilt_is_the_sine_of_roll_or_pitch(axis, angle_deg):
+    half = math.radians(angle_deg) / 2
+    quat = np.array([[math.cos(half), *(math.sin(half) * a for a in axis)]])
+    assert tilt(quat)[0] == pytest.approx(0.5)
+
+
+def test_tilt_ignores_heading():
+    half = np.linspace(-np.pi, np.pi, 9) / 2
+    zero = np.zeros(9)
+    assert tilt(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)) == pytest.approx(zero)
+
+
+def test_a_fall_and_a_stray_body_end_survival_and_only_a_fall_uprightness():
+    trajectory = still_trajectory()
+    trajectory.body_pos_w[40:45, 3, 0] = 0.31
+    trajectory.qpos[70:, 3:7] = [math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0]  # on its side
+    result = evaluate_trajectory(trajectory, max_tilt=0.8, max_distance_m=0.3)
+    assert result.survival == pytest.approx(0.40)
+    assert result.upright == pytest.approx(0.70)
+
+
+def test_instability_ends_survival_and_is_counted():
+    trajectory = still_trajectory()
+    trajectory.unstable[25:] = True
+    result = evaluate_trajectory(trajectory, max_tilt=0.8, max_distance_m=0.3)
+    assert result.survival == result.upright == pytest.approx(0.25)
+    assert result.unstable_steps == 75
+
+
+# --- output ----------------------------------------------------------------------------------
+
+
+def test_result_as_json_metrics_and_table():
+    result = evaluate_trajectory(still_trajectory(), max_tilt=0.8, max_distance_m=0.3)
+    written = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert written["latency_ms"] is None
+    assert written["latency_reason"]
+    metrics = result.metrics()
+    assert metrics[keys.EVAL_PREFIX + "survival"] == 1.0
+    assert metrics[keys.EVAL_PREFIX + keys.REWARD_TERM_PREFIX + "base_height"] == 0.5
+    assert math.isnan(metrics[keys.EVAL_PREFIX + "latency_ms"])
+    text = io.StringIO()
+    Console(width=100, file=text).print(result_table(result, "a run"))
+    for shown in ("a run", "upper-body error", "base_height", result.latency_reason):
+        assert shown in text.getvalue()
