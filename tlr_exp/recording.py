@@ -1,0 +1,284 @@
+"""The run directory: all that a run leaves behind, whether or not a tracking server is there.
+
+manifest.json   run id, status, source revision, versions, machine, seed, command line
+config.yaml     the resolved configuration
+metrics.jsonl   one line an iteration, see tlr_exp.metrics_file
+checkpoints/    see tlr_exp.checkpoint
+eval/           what evaluations of the run wrote (JSON, videos)
+run.lock        held by the process that trains
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shlex
+import sys
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from tlr_exp import __version__, provenance
+from tlr_exp.metrics_file import (
+    append_metrics,
+    last_of_each_iteration,
+    read_metrics,
+    rewrite_until,
+)
+from tlr_exp.storage import StorageError, atomic_write, storage_errors, sync_file
+
+MANIFEST, CONFIG, METRICS, LOCK = "manifest.json", "config.yaml", "metrics.jsonl", "run.lock"
+EVALUATIONS = "eval"
+
+RUNNING, FINISHED, FAILED, INTERRUPTED = "running", "finished", "failed", "interrupted"
+STATUSES = (RUNNING, FINISHED, FAILED, INTERRUPTED)
+
+ELSEWHERE = "Give a folder that can be written and has room."
+_LAYOUT = "A run directory holds manifest.json, config.yaml, metrics.jsonl and checkpoints/"
+
+
+class RunDirectoryError(ValueError):
+    """A path is no (usable) run directory, or is in use; the message says what would be right."""
+
+
+class RunDirectory:
+    """One run on disk. Make one with `create` or `open`; only the holder of `lock` may write."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        config: Mapping[str, Any],
+        tags: Mapping[str, Any],
+        identity: str = "",
+    ) -> RunDirectory:
+        """Start a run in `path`, which must be new or empty; parents are made.
+
+        `config` is the resolved configuration of plain values (the seed is read from its key
+        "seed"). `tags` are the labels the run is looked up by: method, scale, device, experiment
+        and the like. `identity` tells which runs are the same experiment (see tlr_exp.runs).
+
+        Raises:
+            RunDirectoryError: `path` holds something already, or `config` is not plain data.
+            StorageError: the folder cannot be made or written.
+        """
+        path = Path(path).absolute()
+        text = _config_text(config)
+        with storage_errors(f"cannot make the run directory {path}", ELSEWHERE):
+            path.mkdir(parents=True, exist_ok=True)
+            if any(path.iterdir()):
+                raise RunDirectoryError(
+                    f"{path} is not empty, so no new run is started in it: choose another name, "
+                    "or resume the run that is there"
+                )
+        run = cls(path)
+        try:
+            atomic_write(path / CONFIG, text.encode())
+            # Last, because a folder is a run directory from the moment it has a manifest.
+            run._write_manifest(_new_manifest(path.name, config, dict(tags), identity))
+        except StorageError as error:
+            with suppress(OSError):
+                (path / CONFIG).unlink(missing_ok=True)
+                path.rmdir()
+            raise StorageError(f"cannot make the run directory {path}", error, ELSEWHERE) from error
+        return run
+
+    @classmethod
+    def open(cls, path: str | Path) -> RunDirectory:
+        """The run in `path`.
+
+        Raises:
+            RunDirectoryError: there is none; names the runs that lie below `path`, if any.
+        """
+        path = Path(path).absolute()
+        if not path.is_dir():
+            raise RunDirectoryError(f"{path} is not a directory. {_LAYOUT}.")
+        if not (path / MANIFEST).is_file():
+            below = sorted(found.parent.name for found in path.glob(f"*/{MANIFEST}"))
+            hint = f" It holds these runs: {', '.join(below)}." if below else ""
+            raise RunDirectoryError(f"{path} has no {MANIFEST}. {_LAYOUT}.{hint}")
+        run = cls(path)
+        _ = run.manifest
+        return run
+
+    # --- manifest and configuration ----------------------------------------------------------
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """manifest.json as it is on disk now.
+
+        Raises:
+            RunDirectoryError: it is missing or is not one of ours.
+        """
+        try:
+            manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise RunDirectoryError(f"cannot read {self.path / MANIFEST}: {error}") from error
+        if not isinstance(manifest, dict) or not {"run_id", "name", "status"} <= manifest.keys():
+            raise RunDirectoryError(f"{self.path / MANIFEST} lacks run_id, name or status")
+        return manifest
+
+    @property
+    def status(self) -> str:
+        """running, finished, failed or interrupted. A killed run still says running: `is_live`."""
+        return self.manifest["status"]
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration, from config.yaml.
+
+        Raises:
+            RunDirectoryError: the file is missing or is not YAML.
+        """
+        import yaml
+
+        try:
+            return yaml.safe_load((self.path / CONFIG).read_text(encoding="utf-8")) or {}
+        except (OSError, yaml.YAMLError) as error:
+            raise RunDirectoryError(f"cannot read {self.path / CONFIG}: {error}") from error
+
+    def set_status(self, status: str, **extra: Any) -> None:
+        """Write `status` (and `extra` entries) into the manifest. "running" also records the pid.
+
+        Raises:
+            ValueError: not one of STATUSES.
+            StorageError: the manifest cannot be written; the old one stays.
+        """
+        if status not in STATUSES:
+            raise ValueError(f"run status {status!r}: must be one of {', '.join(STATUSES)}")
+        process = {"pid": os.getpid(), "command": _command()} if status == RUNNING else {}
+        self._write_manifest({**self.manifest, **process, **extra, "status": status})
+
+    def _write_manifest(self, manifest: dict[str, Any]) -> None:
+        text = json.dumps({**manifest, "updated_at": _now()}, indent=2, ensure_ascii=False)
+        atomic_write(self.path / MANIFEST, (text + "\n").encode())
+
+    # --- one process at a time ---------------------------------------------------------------
+    @contextmanager
+    def lock(self, timeout_s: float = 1.0) -> Iterator[None]:
+        """Hold the run for writing. The lock of a process that died is free at once (flock).
+
+        Raises:
+            RunDirectoryError: another process holds it, still after `timeout_s` seconds.
+            StorageError: the lock file cannot be made.
+        """
+        import filelock
+
+        file_lock = filelock.FileLock(self.path / LOCK)
+        with storage_errors(f"cannot lock {self.path}", ELSEWHERE):
+            try:
+                file_lock.acquire(timeout=timeout_s, poll_interval=0.02)
+            except filelock.Timeout:
+                raise RunDirectoryError(
+                    f"{self.path} is in use by another process (the manifest says pid "
+                    f"{self.manifest.get('pid')}): wait for it, stop it, or start a new run"
+                ) from None
+        try:
+            yield
+        finally:
+            file_lock.release()
+
+    def is_live(self) -> bool:
+        """Whether a process holds `lock` now, by trying it for an instant."""
+        import filelock
+
+        if not (self.path / LOCK).exists():
+            return False
+        try:
+            with filelock.FileLock(self.path / LOCK).acquire(timeout=0):
+                return False
+        except filelock.Timeout:
+            return True
+        except OSError:  # read-only media: nobody trains there
+            return False
+
+    # --- metrics -----------------------------------------------------------------------------
+    @property
+    def metrics_path(self) -> Path:
+        return self.path / METRICS
+
+    def log(self, iteration: int, metrics: Mapping[str, float]) -> None:
+        """Append the metrics of one iteration as one line, given to the system at once.
+
+        Non-finite values are kept as null (see tlr_exp.metrics_file).
+
+        Raises:
+            ValueError: a name is reserved, or a value is not a number (names it).
+            StorageError: the disk is full, ...; the lines before stay.
+        """
+        append_metrics(self.metrics_path, iteration, metrics)
+
+    def flush(self) -> None:
+        """Force the lines logged so far onto the disk; before a checkpoint that follows on them.
+
+        Raises:
+            StorageError: the disk refuses it.
+        """
+        if self.metrics_path.exists():
+            sync_file(self.metrics_path)
+
+    def metrics(self) -> list[dict[str, Any]]:
+        """All lines in the order of iterations; of an iteration logged twice, the later line.
+
+        A torn last line (left by a kill) is passed over. null comes back as NaN.
+
+        Raises:
+            ValueError: a line before the last is damaged; names it.
+        """
+        return last_of_each_iteration(read_metrics(self.metrics_path)[0])
+
+    def truncate_after(self, iteration: int) -> None:
+        """Drop the lines past `iteration` (all of them for -1), atomically: before a resume.
+
+        Raises:
+            ValueError: a line before the last is damaged; names it.
+            StorageError: the file cannot be rewritten; the old one stays.
+        """
+        rewrite_until(self.metrics_path, iteration)
+
+
+# --- parts of a manifest ---------------------------------------------------------------------
+
+
+def _new_manifest(
+    name: str, config: Mapping[str, Any], tags: dict[str, Any], identity: str
+) -> dict[str, Any]:
+    return {
+        "run_id": str(uuid.uuid4()),
+        "name": name,
+        "identity": identity,
+        "status": RUNNING,
+        "created_at": _now(),
+        "pid": os.getpid(),
+        "command": _command(),
+        "seed": config.get("seed"),
+        "tags": tags,
+        "git": provenance.git_state(Path.cwd()),
+        "tlr_exp": __version__,
+        "packages": provenance.package_versions(),
+        "python": platform.python_version(),
+        "machine": provenance.machine(tags.get("device")),
+    }
+
+
+def _config_text(config: Mapping[str, Any]) -> str:
+    import yaml
+
+    try:
+        return yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
+    except yaml.YAMLError as error:
+        raise RunDirectoryError(f"the configuration is not plain data: {error}") from error
+
+
+def _command() -> str:
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="microseconds")

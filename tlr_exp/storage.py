@@ -1,0 +1,135 @@
+"""Files that are whole or not there: atomic writes, appended lines, errors that say what to do."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_TAIL_BYTES = 1 << 16  # step in which the end of a file is searched for its last line break
+
+INTACT = "What was written before is intact"
+
+
+class StorageError(OSError):
+    """A file of a run could not be written; the message names it and says how to go on."""
+
+    def __init__(self, action: str, cause: OSError, hint: str) -> None:
+        reason = os.strerror(cause.errno) if cause.errno else str(cause)
+        super().__init__(f"{action}: {reason}. {hint}")
+        self.errno = cause.errno
+
+
+@contextmanager
+def storage_errors(action: str, hint: str) -> Iterator[None]:
+    """Turn any OSError of the body into a StorageError (one that already is passes unchanged)."""
+    try:
+        yield
+    except StorageError:
+        raise
+    except OSError as error:
+        raise StorageError(action, error, hint) from error
+
+
+def _write_hint(path: Path) -> str:
+    return f"{INTACT}: make room in (or allow writing to) {path.parent}, then resume the run."
+
+
+def temporary_name(path: Path) -> Path:
+    """Where `atomic_write` builds `path`; a file of that name is the rest of a killed write."""
+    return path.with_name(f".{path.name}.tmp")
+
+
+def atomic_write(path: Path, data: bytes | memoryview) -> None:
+    """Replace `path` by `data`, durably: whoever looks sees the old file or the new one, whole.
+
+    Write to a temporary file beside it, fsync, rename, fsync the folder. One writer at a time.
+
+    Raises:
+        StorageError: the disk is full, read-only, ...; the old file stays, no temporary is left.
+    """
+    temporary = temporary_name(path)
+    with storage_errors(f"cannot write {path}", _write_hint(path)):
+        try:
+            with open(temporary, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make renames and new names in `folder` survive a power cut, where the system can."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # Some network file systems cannot fsync a folder; the rename has still happened.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def sync_file(path: Path) -> None:
+    """Force what was appended to `path` onto the disk.
+
+    Raises:
+        StorageError: the disk refuses it.
+    """
+    with storage_errors(f"cannot write {path}", _write_hint(path)):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def append_line(path: Path, line: bytes) -> None:
+    """Append `line` (without its line break) in one write call, so that a kill tears at most it.
+
+    A torn last line that an earlier kill left is cut off first; a line that does not fit on the
+    disk is taken back whole.
+
+    Raises:
+        StorageError: the line could not be written; the file holds what it held before.
+    """
+    with storage_errors(f"cannot write {path}", _write_hint(path)):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        try:
+            size = os.fstat(descriptor).st_size
+            whole = _end_of_last_line(descriptor, size)
+            if whole < size:
+                os.ftruncate(descriptor, whole)
+            _write_or_take_back(descriptor, line + b"\n", whole)
+        finally:
+            os.close(descriptor)
+
+
+def _write_or_take_back(descriptor: int, data: bytes, start: int) -> None:
+    try:
+        if os.write(descriptor, data) < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    except BaseException:
+        with suppress(OSError):
+            os.ftruncate(descriptor, start)
+        raise
+
+
+def _end_of_last_line(descriptor: int, size: int) -> int:
+    """Length of the file up to and with its last line break (0 where there is none)."""
+    end = size
+    while end > 0:
+        start = max(0, end - _TAIL_BYTES)
+        position = os.pread(descriptor, end - start, start).rfind(b"\n")
+        if position >= 0:
+            return start + position + 1
+        end = start
+    return 0
