@@ -25,6 +25,10 @@ from tlr_exp.robot import Robot
 from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES
 from tlr_exp.settings import EnvSettings
 
+# rad/s and m/s. The motors reach 37 rad/s; a simulation that diverges passes through huge values,
+# whose squares overflow in the reward terms, before it stops being finite.
+MAX_SPEED = 1e3
+
 
 class TrackingEnv(EnvBase):
     """``num_envs`` robots that track one motion at ``1 / physics.control_dt`` Hz.
@@ -175,13 +179,14 @@ class TrackingEnv(EnvBase):
     def _finite(
         self, state: PhysicsState, before: PhysicsState, action: Tensor
     ) -> tuple[PhysicsState, Tensor]:
-        """Replace states that are not finite by those before the step, and remember these."""
-        unstable = ~(state.qpos.isfinite().all(-1) & state.qvel.isfinite().all(-1))
+        """Replace diverged states by those before the step, and remember these."""
+        # A comparison with NaN is false.
+        unstable = ~(state.qpos.isfinite().all(-1) & (state.qvel.abs() < MAX_SPEED).all(-1))
         if not unstable.any():
             return state, unstable
         rows = (before.qpos[unstable], before.qvel[unstable], action[unstable])
         self._unstable_states.append(tuple(row.clone() for row in rows))
-        return torch.where(unstable, before, state), unstable
+        return before.where(unstable, state), unstable
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
