@@ -138,6 +138,7 @@ class TrackingEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get(keys.ACTION)
         before = self.state
+        self._resume_pending = False
         self.state, unstable = self._finite(
             self.physics.step(self._joint_target(action)), before, action
         )
@@ -235,10 +236,10 @@ class TrackingEnv(EnvBase):
     # --- resetting ---------------------------------------------------------------------------
 
     def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
-        if self._resume_pending:
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        if self._resume_pending and mask is None:
             self._resume_pending = False
         else:
-            mask = None if tensordict is None else tensordict.get("_reset", None)
             everyone = torch.arange(self.batch_size[0], device=self.device)
             self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
         return self._reset_output()
