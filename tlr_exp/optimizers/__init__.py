@@ -1,0 +1,1 @@
+"""The lower layer's weight optimizers: one file an algorithm, one protocol."""

@@ -1,0 +1,50 @@
+"""What the training loop knows of a weight optimizer, and nothing more."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class WeightUpdate:
+    """The weights of one iteration and how they were found.
+
+    Attributes:
+        weights: weights of the optimizing terms [num_terms], float32, on the device of the
+            returns they were found from.
+        objective: J at `weights`.
+        baseline_objective: J at weights that are all 1, the static reward.
+        evaluations: weight vectors whose J was computed in order to choose `weights`; 0 where
+            the choice does not depend on J.
+        optimal_share: share of the last pack whose J equals the best J found; 1.0 for an
+            optimizer without a pack. Near 1, the tie-break decides which weights are returned.
+    """
+
+    weights: Tensor
+    objective: float
+    baseline_objective: float
+    evaluations: int
+    optimal_share: float
+
+
+class WeightOptimizer(Protocol):
+    """Chooses the weights of the optimizing terms, once per training iteration."""
+
+    def update(self, goal_return: Tensor, term_returns: Tensor) -> WeightUpdate:
+        """Choose the weights for the trajectories of one iteration.
+
+        Args:
+            goal_return: r_g of each trajectory [num_envs].
+            term_returns: signed return of each optimizing term at weight 1
+                [num_envs, num_terms].
+        """
+        ...
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that the next `update` depends on besides its arguments (tensors)."""
+        ...
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue, bit for bit, from where `state_dict` was taken."""
+        ...
