@@ -1,6 +1,5 @@
 """The video of an evaluation: the robot, its reference as a ghost, time and errors written in."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from tlr_exp import g1
 from tlr_exp.evaluation import Trajectory, body_distance
 from tlr_exp.media import write_video
-from tlr_exp.render import Camera, render_frames
+from tlr_exp.render import Camera, follow_pelvis, render_frames
 from tlr_exp.robot import Robot
 
 FRAME_RATE_HZ = 25.0
@@ -38,13 +37,18 @@ def film_evaluation(
     """
     stride = max(1, round(1.0 / (trajectory.control_dt_s * FRAME_RATE_HZ)))
     shown = np.arange(0, trajectory.num_steps, stride)
-    frames: Iterator[np.ndarray] = render_frames(
+    camera = camera or Camera()
+    qpos, reference = trajectory.qpos[shown], trajectory.reference_qpos[shown]
+    # Between the two, at the reference's height: so both stay in the picture when the robot falls.
+    middle = np.column_stack(((qpos[:, :2] + reference[:, :2]) / 2, reference[:, 2]))
+    frames = render_frames(
         robot,
-        trajectory.qpos[shown],
-        trajectory.reference_qpos[shown],
+        qpos,
+        reference,
         width=width,
         height=height,
         camera=camera,
+        lookat=follow_pelvis(middle, camera.smoothing_frames),
         captions=captions(trajectory, shown),
         quality=quality,
     )
