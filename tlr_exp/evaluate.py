@@ -1,0 +1,221 @@
+"""tlr-evaluate: how well a trained policy tracks its motion; a table, JSON and a video."""
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tlr_exp.settings import Settings
+
+BEST, LAST = "best", "last"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is evaluated: the run, its configuration as loaded, and one of its checkpoints."""
+
+    run: Path
+    settings: "Settings"
+    checkpoint: Path
+    iteration: int
+    physics: str
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; returns the exit status: 0, or 2 for an error told in one line."""
+    options = _parser().parse_args(arguments)
+    # The heavy imports come after the arguments are known to be good.
+    from tlr_exp.graphics import GraphicsUnavailable
+
+    try:
+        _evaluate(options)
+    except (ValueError, OSError, GraphicsUnavailable) as error:
+        print(f"tlr-evaluate: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tlr-evaluate",
+        description="Run a trained policy once through its motion: without exploration noise, "
+        "from phase 0, without termination. Writes a table, JSON and a video.",
+    )
+    parser.add_argument("run", type=Path, help="run directory, or one of its checkpoint files")
+    parser.add_argument(
+        "--checkpoint",
+        metavar="best|last|ITERATION",
+        help="which checkpoint of a run directory (default: best, where there is one)",
+    )
+    parser.add_argument("--physics", help="engine (default: the one trained on)")
+    parser.add_argument(
+        "--video",
+        action=argparse.BooleanOptionalAction,
+        help="draw the video (default: where this machine can draw)",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: RUN/eval")
+    return parser
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from rich.console import Console
+
+    from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of, build_split
+    from tlr_exp.evaluation import evaluate_policy, result_table
+    from tlr_exp.storage import atomic_write
+
+    choice = choose(options.run, options.checkpoint, options.physics)
+    settings = choice.settings
+    robot = build_robot_of(settings.env)
+    env = build_evaluation_env(settings, robot, build_clip(settings.env, robot))
+    names = build_split(settings).term_names
+    trajectory, result = evaluate_policy(env, load_policy(choice), names)
+
+    folder = options.output or choice.run / "eval"
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"{choice.iteration:06d}-{choice.physics}"
+    record = {**_origin(choice), **result.to_dict()}
+    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
+    atomic_write(folder / f"{name}.json", f"{text}\n".encode())
+    console = Console()
+    title = f"{choice.run.name}, iteration {choice.iteration}, {choice.physics} physics"
+    console.print(result_table(result, title))
+    print(f"wrote {folder / name}.json")
+    if options.video is not False:
+        _film(folder / f"{name}.mp4", settings, trajectory, required=bool(options.video))
+
+
+def _film(path: Path, settings: "Settings", trajectory: Any, required: bool) -> None:
+    from tlr_exp.assembly import build_robot_of
+    from tlr_exp.film import film_evaluation
+    from tlr_exp.graphics import GraphicsUnavailable
+
+    print("drawing the video ...", flush=True)
+    try:
+        film_evaluation(path, build_robot_of(settings.env, visuals=True), trajectory)
+    except GraphicsUnavailable as error:
+        if required:
+            raise
+        print(f"no video: {error}", file=sys.stderr)
+    else:
+        print(f"wrote {path}")
+
+
+def choose(path: Path, checkpoint: str | None = None, physics: str | None = None) -> Choice:
+    """Find the run, its configuration and the checkpoint asked for.
+
+    Args:
+        path: a run directory, or a file in its ``checkpoints``.
+        checkpoint: ``best``, ``last`` or an iteration; by default the best, or else the last.
+        physics: name of an engine in ``conf/physics``; by default the run's own.
+
+    Raises:
+        ValueError: no such run, checkpoint or engine; the message lists what there is.
+    """
+    from tlr_exp.config import load_settings
+    from tlr_exp.recording import RunDirectory
+
+    run_path = path
+    if path.suffix == ".pt":
+        if checkpoint is not None:
+            raise ValueError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
+        run_path = path.absolute().parent.parent
+    run = RunDirectory.open(run_path)
+    config = run.config
+    engine = _physics_name(config, physics)
+    if physics is not None and engine != _physics_name(config, None):
+        config = {**config, "physics": _physics_nodes()[engine]}
+    settings = load_settings({**config, "device": _present_device(config)})
+    file = path if path.suffix == ".pt" else _checkpoint_file(run.path / "checkpoints", checkpoint)
+    if not file.stem.isdecimal():
+        raise ValueError(f"{file} is no checkpoint of a run: its name is not an iteration")
+    return Choice(run.path, settings, file, int(file.stem), engine)
+
+
+def load_policy(choice: Choice) -> Any:
+    """The actor of the checkpoint, on the device of ``choice.settings``.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be read, or holds no policy of this configuration.
+    """
+    from tlr_exp.assembly import build_ppo
+    from tlr_exp.checkpoint import CheckpointError, load_checkpoint
+
+    state = load_checkpoint(choice.checkpoint, choice.settings.device)
+    actor = build_ppo(choice.settings).actor
+    try:
+        actor.load_state_dict(state["trainer"]["ppo"]["actor"])
+    except (KeyError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise CheckpointError(
+            f"{choice.checkpoint} holds no policy of this configuration ({reason})"
+        ) from error
+    return actor
+
+
+def _checkpoint_file(folder: Path, wanted: str | None) -> Path:
+    from tlr_exp.checkpoint import CheckpointStore
+
+    store = CheckpointStore(folder, keep_last=1)  # only read: keep_last is of no consequence
+    iterations = store.iterations()
+    if not iterations:
+        raise ValueError(f"{folder} holds no checkpoint yet")
+    if wanted is not None and wanted.isdecimal() and int(wanted) in iterations:
+        return store.path_of(int(wanted))
+    named = {None: store.best() or store.latest(), BEST: store.best(), LAST: store.latest()}
+    file = named.get(wanted)
+    if file is None:
+        names = [*(str(i) for i in iterations), LAST, *([BEST] if store.best() else [])]
+        raise ValueError(f"{folder} has no checkpoint {wanted!r}; it has {', '.join(names)}")
+    return file
+
+
+def _physics_name(config: dict[str, Any], wanted: str | None) -> str:
+    """Name of the engine asked for, or of the one that the configuration uses."""
+    nodes = _physics_nodes()
+    if wanted is None:
+        target = config["physics"]["_target_"]
+        names = [name for name, node in nodes.items() if node["_target_"] == target]
+        return names[0] if names else target.rpartition(".")[2]
+    if wanted not in nodes:
+        raise ValueError(f"--physics is {wanted!r}; allowed are {', '.join(nodes)}")
+    return wanted
+
+
+def _physics_nodes() -> dict[str, dict[str, Any]]:
+    """The engines of ``conf/physics`` by name."""
+    import yaml
+
+    found = files("tlr_exp.conf").joinpath("physics").iterdir()
+    nodes = {
+        Path(file.name).stem: yaml.safe_load(file.read_text(encoding="utf-8"))
+        for file in found
+        if file.name.endswith(".yaml")
+    }
+    return dict(sorted(nodes.items()))
+
+
+def _present_device(config: dict[str, Any]) -> str:
+    import torch
+
+    return config["device"] if torch.cuda.is_available() else "cpu"
+
+
+def _origin(choice: Choice) -> dict[str, Any]:
+    """What the result is of, for the JSON file."""
+    return {
+        "run": str(choice.run),
+        "checkpoint": choice.checkpoint.name,
+        "iteration": choice.iteration,
+        "physics": choice.physics,
+        "motion": choice.settings.env.motion,
+        "seed": choice.settings.seed,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())
