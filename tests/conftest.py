@@ -1,0 +1,112 @@
+"""What tests of several rooms share: a robot, settings, a short motion and small environments.
+
+The motion is synthetic, so that nothing here depends on the authored ones.
+"""
+
+import copy
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import hypothesis
+from hydra import compose, initialize_config_module
+
+from tlr_exp import g1
+from tlr_exp.config import load_settings
+from tlr_exp.env import TrackingEnv
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.reference import Reference
+from tlr_exp.physics.native import NativePhysics
+from tlr_exp.robot import Robot, build_robot
+from tlr_exp.settings import Settings
+
+# Time limits of single examples fail on a busy machine.
+hypothesis.settings.register_profile("no_deadline", deadline=None)
+hypothesis.settings.load_profile("no_deadline")
+
+CLIP_FRAMES = 41
+PELVIS_HEIGHT_M = 0.78
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return build_robot()
+
+
+@pytest.fixture(scope="session")
+def short_clip(robot: Robot) -> MotionClip:
+    """0.8 s at 50 Hz: standing, while the arms swing, the torso bends and the pelvis sways."""
+    time = np.arange(CLIP_FRAMES) / 50
+    qpos = np.zeros((CLIP_FRAMES, 30))
+    qpos[:, 0] = 0.02 * time
+    qpos[:, 1] = 0.01 * np.sin(4 * time)
+    qpos[:, 2] = PELVIS_HEIGHT_M
+    # Half angles of a yaw: the heading turns by 0.1 rad/s.
+    qpos[:, 3], qpos[:, 6] = np.cos(0.05 * time), np.sin(0.05 * time)
+    qpos[:, 7:] = robot.default_joint_pos_rad
+    for name, amplitude in (("waist_pitch", 0.1), ("left_elbow", 0.4), ("right_elbow", -0.3)):
+        column = 7 + g1.JOINT_NAMES.index(f"{name}_joint")
+        qpos[:, column] += amplitude * np.sin(5 * time)
+    return clip_from_qpos(qpos, 50.0, robot)
+
+
+@pytest.fixture(scope="session")
+def short_clip_path(short_clip: MotionClip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The short motion as a file that ``env.motion`` can name."""
+    path = tmp_path_factory.mktemp("motion") / "short.npz"
+    short_clip.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def settings_of(short_clip_path: Path) -> Callable[..., Settings]:
+    """``settings_of(*overrides)``: checked settings of ``conf/``, on the short motion."""
+
+    @cache
+    def load(*overrides: str) -> Settings:
+        with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+            return load_settings(
+                compose("config", [f"env.motion={short_clip_path}", "study=test", *overrides])
+            )
+
+    def fresh(*overrides: str) -> Settings:
+        return copy.deepcopy(load(*overrides))
+
+    return fresh
+
+
+MakeEnv = Callable[..., TrackingEnv]
+
+
+@pytest.fixture(scope="session")
+def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Settings]) -> MakeEnv:
+    """``make_env(*overrides, num_envs=4, seed=0, failures=True, training_steps=1000, clip=...)``.
+
+    A ``TrackingEnv`` on the C engine with the reward terms of the configuration.
+    """
+
+    def make(
+        *overrides: str,
+        num_envs: int = 4,
+        seed: int = 0,
+        failures: bool = True,
+        training_steps: int = 1000,
+        clip: MotionClip = short_clip,
+    ) -> TrackingEnv:
+        settings = settings_of(*overrides)
+        reward = settings.reward
+        names = (*reward.goal, *reward.optimizing)
+        return TrackingEnv(
+            physics=NativePhysics(robot, num_envs, num_threads=1),
+            reference=Reference(clip),
+            robot=robot,
+            terms={name: reward.parameters.get(name, {}) for name in names},
+            settings=settings.env,
+            training_steps=training_steps,
+            seed=seed,
+            failures=failures,
+        )
+
+    return make
