@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torchrl.collectors import Collector
-from torchrl.envs import ExplorationType
 
 from tlr_exp import g1
 from tlr_exp.config import ConfigError, instantiate
@@ -104,7 +103,9 @@ def build_ppo(settings: Settings) -> Ppo:
         torch.manual_seed(seeds.networks)
         actor = build_actor(observation_dim, g1.NUM_JOINTS, settings.ppo, exploration)
         critic = build_critic(observation_dim, PRIVILEGED_DIM, settings.ppo)
-    return Ppo(actor.to(device), critic.to(device), settings.ppo, seeds.minibatches, exploration)
+    actor.to(device)
+    critic.to(device)
+    return Ppo(actor, critic, settings.ppo, seeds.minibatches, exploration)
 
 
 def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
@@ -116,7 +117,6 @@ def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
         ppo.actor,
         frames_per_batch=num_envs * num_steps,
         total_frames=-1,
-        exploration_type=ExplorationType.RANDOM,
         track_traj_ids=False,
         auto_register_policy_transforms=False,
     )
@@ -143,5 +143,7 @@ def check_device(name: str) -> torch.device:
         ConfigError: it is not there.
     """
     if name != "cpu" and not torch.cuda.is_available():
-        raise ConfigError(f"device is {name!r}, but PyTorch finds no CUDA device here; allowed: cpu")
+        raise ConfigError(
+            f"device is {name!r}, but PyTorch finds no CUDA device here; allowed: cpu"
+        )
     return torch.device(name)

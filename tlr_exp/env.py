@@ -6,15 +6,17 @@ It reports raw reward terms and no reward: how terms are weighted is decided aft
 
 from collections.abc import Mapping
 from functools import partial
+from typing import Any, cast
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from tlr_exp import g1, keys
-from tlr_exp.mdp import observations
+from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES
+from tlr_exp.mdp import observations, specs
+from tlr_exp.mdp.errors import tracking_errors
 from tlr_exp.mdp.resets import perturb
 from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
 from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
@@ -22,7 +24,6 @@ from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import Robot
-from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES
 from tlr_exp.settings import EnvSettings
 
 # rad/s and m/s. The motors reach 37 rad/s; a simulation that diverges passes through huge values,
@@ -50,8 +51,6 @@ class TrackingEnv(EnvBase):
     Raises:
         ValueError: a choice that does not exist, or a motion that does not fit.
     """
-
-    batch_locked = True
 
     def __init__(
         self,
@@ -93,32 +92,11 @@ class TrackingEnv(EnvBase):
     # --- specs and buffers -------------------------------------------------------------------
 
     def _make_specs(self, num_terms: int) -> None:
-        n, device = self.batch_size, self.device
-        flag = partial(Binary, n=1, shape=(*n, 1), dtype=torch.bool, device=device)
-        scalar = partial(Unbounded, shape=(*n, 1), device=device)
         dim = observations.OBSERVATION_DIMS[self.settings.observation]
-        self.observation_spec = Composite(
-            {
-                keys.OBSERVATION: Unbounded((*n, dim), device=device),
-                keys.PRIVILEGED: Unbounded((*n, observations.PRIVILEGED_DIM), device=device),
-                keys.UPPER_BODY_ERROR: scalar(),
-                keys.LOWER_BODY_ERROR: scalar(),
-                keys.JOINT_ERROR: scalar(),
-                keys.UNSTABLE: flag(),
-            },
-            shape=n,
-            device=device,
-        )
-        self.action_spec = Bounded(-1e3, 1e3, (*n, g1.NUM_JOINTS), device=device)
-        # The vector of raw terms takes the place of a reward: EnvBase asks for one.
-        self.reward_spec = Composite(
-            {keys.REWARD_TERMS: Unbounded((*n, num_terms), device=device)}, shape=n, device=device
-        )
-        self.done_spec = Composite(
-            {keys.DONE: flag(), keys.TERMINATED: flag(), keys.TRUNCATED: flag()},
-            shape=n,
-            device=device,
-        )
+        self.observation_spec = specs.observation_spec(self.batch_size, self.device, dim)
+        self.action_spec = specs.action_spec(self.batch_size, self.device)
+        self.reward_spec = specs.reward_terms_spec(self.batch_size, self.device, num_terms)
+        self.done_spec = specs.done_spec(self.batch_size, self.device)
 
     def _make_buffers(self) -> None:
         n, device = self.batch_size[0], self.device
@@ -161,7 +139,7 @@ class TrackingEnv(EnvBase):
                 keys.OBSERVATION: self.observed,
                 keys.PRIVILEGED: self.privileged,
                 keys.REWARD_TERMS: terms,
-                **self._errors(reference),
+                **tracking_errors(self.state, reference),
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
                 keys.TRUNCATED: truncated[:, None],
@@ -208,16 +186,6 @@ class TrackingEnv(EnvBase):
         return fell(self.state, self.settings.termination.max_tilt) | far_from_reference(
             self.state, reference, self.distance.value_m
         )
-
-    def _errors(self, reference: ReferenceFrame) -> dict[str, Tensor]:
-        """Mean distance of upper and lower bodies from the reference (m) and of joints (rad)."""
-        distance = (reference.body_pos_w - self.state.body_pos_w).norm(dim=-1)
-        joint_error = (reference.qpos[:, 7:] - self.state.qpos[:, 7:]).abs()
-        return {
-            keys.UPPER_BODY_ERROR: distance[:, g1.UPPER_BODY].mean(-1, keepdim=True),
-            keys.LOWER_BODY_ERROR: distance[:, g1.LOWER_BODY].mean(-1, keepdim=True),
-            keys.JOINT_ERROR: joint_error.mean(-1, keepdim=True),
-        }
 
     def _phase(self) -> Tensor:
         """Phase of the motion within [0, 1], [num_envs, 1] (Eq. 4 of the paper)."""
@@ -269,7 +237,7 @@ class TrackingEnv(EnvBase):
         return torch.randint(latest, (count,), generator=self.generator, device=self.device)
 
     def _observe_start(self, env_ids: Tensor) -> None:
-        state = self.state[env_ids]
+        state = cast(PhysicsState, self.state[env_ids])
         reference = self.reference.frame(self._frame_index()[env_ids])
         action = self.previous_action[env_ids]
         if self.settings.observation == "history":
@@ -318,7 +286,7 @@ class TrackingEnv(EnvBase):
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
-    def restore_simulation(self, saved: Mapping[str, dict]) -> None:
+    def restore_simulation(self, saved: Mapping[str, Any]) -> None:
         """Continue from ``simulation_state()``: the next full reset starts no new episode.
 
         A collector begins with a reset; after a restoration that one hands back the saved state.
@@ -341,8 +309,10 @@ def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:
     rate_hz = 1.0 / control_dt_s
     if abs(reference.fps - rate_hz) > 1e-6:
         raise ValueError(
-            f"the motion has {reference.fps:g} frames a second, the control rate is {rate_hz:g} Hz: "
-            "resample the clip first"
+            f"the motion has {reference.fps:g} frames a second, the control rate is "
+            f"{rate_hz:g} Hz: resample the clip first"
         )
     if reference.num_frames < lead + 2:
-        raise ValueError(f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}")
+        raise ValueError(
+            f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}"
+        )

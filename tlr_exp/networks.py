@@ -22,6 +22,8 @@ class RunningNorm(nn.Module):
     mean: Tensor
     variance: Tensor
     count: Tensor
+    shift: Tensor
+    scale: Tensor
 
     def __init__(self, size: int, clip: float = 10.0) -> None:
         super().__init__()

@@ -5,6 +5,7 @@ composed; how, it does not know.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -144,13 +145,16 @@ class Ppo:
             torch.nn.utils.clip_grad_norm_(parameters, self.settings.max_grad_norm)
         self.adam.step()
         logged = ("loss_objective", "loss_critic", "entropy")
-        return torch.stack([*(losses[name].detach() for name in logged), kl, losses["clip_fraction"]])
+        return torch.stack(
+            [*(losses[name].detach() for name in logged), kl, losses["clip_fraction"]]
+        )
 
     @torch.no_grad()
     def _kl_divergence(self, minibatch: TensorDictBase) -> Tensor:
         """Mean KL divergence of the collecting policy from the present one, in nats."""
         old = torch.distributions.Normal(minibatch["loc"], minibatch["scale"])
-        present = self.actor.get_dist(minibatch.select(keys.OBSERVATION)).base_dist
+        params: Any = self.actor.get_dist_params(minibatch.select(keys.OBSERVATION))
+        present = torch.distributions.Normal(params["loc"], params["scale"])
         return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()
 
     def _adapt_learning_rate(self, kl: Tensor) -> None:
@@ -175,7 +179,7 @@ class Ppo:
             "exploration": self.exploration.get_state(),
         }
 
-    def load_state_dict(self, state: dict[str, dict]) -> None:
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         self.actor.load_state_dict(state["actor"])
         self.critic.load_state_dict(state["critic"])
         self.adam.load_state_dict(state["adam"])

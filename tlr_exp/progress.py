@@ -1,4 +1,4 @@
-"""What a person sees while a run trains: one live panel, or plain lines where there is no terminal."""
+"""What a person sees while a run trains: a live panel, or plain lines without a terminal."""
 
 import sys
 import time

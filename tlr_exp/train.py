@@ -1,4 +1,4 @@
-"""``tlr-train``: one run from the command line (``-m`` for many). It wires and does nothing else."""
+"""``tlr-train``: one run from the command line (``-m`` for many); it wires the parts."""
 
 import sys
 from collections.abc import Iterator
@@ -30,12 +30,31 @@ def main() -> None:
 def _train(config: DictConfig) -> None:
     with _errors_for_people():
         settings = load_settings(config)
+        check_files(settings)
         run = open_run(settings, config)
         if run.status == FINISHED:
             print(f"this configuration has been trained already: {run.path}")
             return
         with run.lock():
             train_in(run, settings)
+
+
+def check_files(settings: Settings) -> None:
+    """Read what the user brought, before a run directory is made and seconds of imports pass.
+
+    Raises:
+        ConfigError: a model that is not a G1, or a clip that is not one.
+    """
+    from tlr_exp.motion.clip import MotionClip
+    from tlr_exp.robot import build_robot
+
+    robot = settings.env.robot
+    try:
+        build_robot(robot.mjcf, robot.gains, robot.collisions)
+        if Path(settings.env.motion).suffix == ".npz":
+            MotionClip.load(settings.env.motion)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
 
 
 def open_run(settings: Settings, config: DictConfig) -> RunDirectory:

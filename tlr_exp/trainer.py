@@ -70,7 +70,7 @@ class Trainer:
     def _metrics(
         self, batch: TensorDictBase, found: WeightUpdate, diagnostics: PpoDiagnostics
     ) -> dict[str, float]:
-        after = batch["next"]
+        after = batch.to_dict()["next"]
         return {
             keys.ENV_STEPS: self.env_steps,
             keys.EPISODE_LENGTH: self.episodes.mean_length,
@@ -110,7 +110,7 @@ class Trainer:
         self.env_steps = state["env_steps"]
 
 
-def _mean_terms(after: TensorDictBase) -> Tensor:
+def _mean_terms(after: dict[str, Tensor]) -> Tensor:
     return after[keys.REWARD_TERMS].flatten(0, 1).mean(dim=0)
 
 

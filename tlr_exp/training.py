@@ -20,7 +20,6 @@ from tlr_exp.assembly import (
     build_trainer,
 )
 from tlr_exp.checkpoint import CheckpointStore
-from tlr_exp.env import TrackingEnv
 from tlr_exp.evaluation import EvaluationResult, evaluate_trajectory, rollout
 from tlr_exp.progress import Display, make_display
 from tlr_exp.recording import FINISHED, INTERRUPTED, RUNNING, RunDirectory
@@ -134,7 +133,7 @@ class Training:
         if unstable <= limit:
             return
         path = self.run.path / f"unstable_iteration_{iteration}.npz"
-        np.savez(path, **{name: value.cpu().numpy() for name, value in states.items()})
+        np.savez(path, **{name: value.cpu().numpy() for name, value in states.items()})  # type: ignore[arg-type]
         raise UnstableSimulationError(
             f"in iteration {iteration} {unstable:.0f} of {self.settings.scale.num_envs} "
             f"simulations stopped being finite (allowed: {limit:.1f}); their last finite states "
@@ -146,13 +145,11 @@ def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
     """The checkpoints of a run: the newest, the best, and those of the paper's snapshots."""
     iterations = settings.scale.iterations
     snapshots = frozenset(max(1, round(share * iterations)) for share in SNAPSHOT_SHARES)
-    return CheckpointStore(
-        run.path / "checkpoints", settings.scale.keep_checkpoints, snapshots
-    )
+    return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, snapshots)
 
 
 def _score(result: EvaluationResult) -> float:
-    """What the best checkpoint has most of: minus the mean body error, which falling makes large."""
+    """What the best checkpoint has most of: minus the mean body error (large after a fall)."""
     return -0.5 * (result.upper_body_error_m + result.lower_body_error_m)
 
 

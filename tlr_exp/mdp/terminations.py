@@ -1,4 +1,4 @@
-"""When an episode ends: by a failure (terminated). The motion's end is the environment's concern."""
+"""When an episode ends by a failure (terminated); the motion's end is the environment's concern."""
 
 import torch
 from torch import Tensor

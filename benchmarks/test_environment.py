@@ -1,0 +1,74 @@
+"""What the environment and the collector cost beside the bare physics, as a ratio in one run."""
+
+import time
+
+import mujoco
+import pytest
+import torch
+from hydra import compose, initialize_config_module
+from tensordict.nn import TensorDictModule
+from torchrl.collectors import Collector
+
+from tlr_exp import keys
+from tlr_exp.assembly import build_clip, build_env, build_robot_of
+from tlr_exp.config import load_settings
+from tlr_exp.g1 import DECIMATION, NUM_JOINTS
+from tlr_exp.physics.native import NativePhysics
+
+NUM_STEPS = 24
+ROUNDS = 10
+WANTED_RATIO = 0.75
+
+
+@pytest.mark.parametrize("num_envs", [512, 4096])
+def test_environment_against_bare_physics(num_envs, benchmark):
+    """Bare stepping time over the time of everything (observations, terms, resets, collector).
+
+    Both start from the same states and receive the same targets; rounds alternate between them,
+    so that a machine that changes its pace changes it for both.
+    """
+    with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+        settings = load_settings(compose("config", [f"scale.num_envs={num_envs}"]))
+    robot = build_robot_of(settings.env)
+    env = build_env(settings, robot, build_clip(settings.env, robot))
+    bare = NativePhysics(robot, num_envs)
+    generator = torch.Generator().manual_seed(0)
+    action = 0.3 * torch.randn(num_envs, NUM_JOINTS, generator=generator)
+    policy = TensorDictModule(lambda _: action, in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION])
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=num_envs * NUM_STEPS,
+        total_frames=-1,
+        track_traj_ids=False,
+        auto_register_policy_transforms=False,
+    )
+    batches = iter(collector)
+    next(batches)
+    bare_s, whole_s = [], []
+
+    def alternate():
+        bare.load_state_dict(env.physics.state_dict())
+        bare_s.append(_bare_seconds(bare, env.default_joint_pos + env.action_scale * action))
+        start = time.perf_counter()
+        next(batches)
+        whole_s.append(time.perf_counter() - start)
+
+    benchmark.pedantic(alternate, rounds=ROUNDS, warmup_rounds=1)
+    ratio = sorted(b / w for b, w in zip(bare_s, whole_s, strict=True))[len(bare_s) // 2]
+    benchmark.extra_info.update(
+        ratio=ratio,
+        bare_steps_per_s=num_envs * NUM_STEPS / min(bare_s),
+        steps_per_s=num_envs * NUM_STEPS / min(whole_s),
+    )
+    print(f"\n{num_envs} environments: {ratio:.2f} of the bare physics' speed")
+    assert ratio >= WANTED_RATIO
+
+
+def _bare_seconds(physics: NativePhysics, target: torch.Tensor) -> float:
+    batch = physics._batch
+    batch.bind("ctrl")[:] = target.numpy()
+    start = time.perf_counter()
+    for _ in range(NUM_STEPS):
+        batch.step(nstep=DECIMATION, stage=mujoco.mjtStage.mjSTAGE_VEL)
+    return time.perf_counter() - start

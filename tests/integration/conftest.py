@@ -1,0 +1,53 @@
+"""Whole runs in miniature: the real command in a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TINY = (
+    "scale.num_envs=16",
+    "scale.iterations=6",
+    "scale.checkpoint_every=2",
+    "scale.evaluate_every=3",
+    "ppo.num_steps=8",
+    "ppo.hidden_sizes=[32]",
+    "num_threads=1",
+    "physics.num_threads=2",
+)
+
+
+class Trainer:
+    """Runs ``tlr-train`` at a tiny scale in one working directory."""
+
+    def __init__(self, folder: Path, motion: Path) -> None:
+        self.folder = folder
+        self.arguments = [*TINY, f"env.motion={motion}", "tracking_uri=none"]
+
+    def start(self, *overrides: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "tlr_exp.train", *self.arguments, *overrides],
+            cwd=self.folder,
+            env={**os.environ, "HYDRA_FULL_ERROR": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def run(self, *overrides: str) -> tuple[int, str]:
+        """Exit status and output of a run that is left alone."""
+        process = self.start(*overrides)
+        output, _ = process.communicate(timeout=300)
+        return process.returncode, output
+
+    @property
+    def runs(self) -> list[Path]:
+        return sorted(self.folder.glob("runs/*/*/"))
+
+
+@pytest.fixture
+def trainer(tmp_path: Path, short_clip_path: Path) -> Trainer:
+    return Trainer(tmp_path, short_clip_path)

@@ -1,0 +1,77 @@
+"""What surrounds an iteration: stability, checkpoints, evaluation; in this process."""
+
+import numpy as np
+import pytest
+import torch
+
+from tlr_exp import keys
+from tlr_exp.recording import RunDirectory
+from tlr_exp.training import SNAPSHOT_SHARES, Training, UnstableSimulationError, checkpoint_store
+
+TINY = (
+    "scale.num_envs=16",
+    "scale.iterations=3",
+    "scale.evaluate_every=3",
+    "ppo.num_steps=4",
+    "ppo.hidden_sizes=[16]",
+)
+
+
+@pytest.fixture
+def training(tmp_path, settings_of, short_clip_path):
+    settings = settings_of(*TINY, f"env.motion={short_clip_path}")
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    return Training(settings, run)
+
+
+def poison(physics, env_ids, monkeypatch):
+    """From the next step on, ``env_ids`` come back as NaN, once."""
+    step = physics.step
+
+    def poisoned(target):
+        state = step(target)
+        monkeypatch.setattr(physics, "step", step)
+        state.qpos[env_ids] = torch.nan
+        return state
+
+    monkeypatch.setattr(physics, "step", poisoned)
+
+
+def test_one_per_cent_of_unstable_simulations_stops_the_run(training, monkeypatch):
+    # 1 of 16 is above 1 %.
+    poison(training.env.physics, [3], monkeypatch)
+    with pytest.raises(UnstableSimulationError, match="in iteration 1 1 of 16") as error:
+        training.train()
+    saved = np.load(training.run.path / "unstable_iteration_1.npz")
+    assert str(training.run.path) in str(error.value)
+    assert saved["qpos"].shape == (1, 30)
+    assert saved["action"].shape == (1, 23)
+    assert all(np.isfinite(saved[name]).all() for name in ("qpos", "qvel", "action"))
+
+
+def test_a_smaller_share_is_counted_and_the_run_goes_on(
+    tmp_path, settings_of, short_clip_path, monkeypatch
+):
+    settings = settings_of(*TINY, "scale.num_envs=128", f"env.motion={short_clip_path}")
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    training = Training(settings, run)
+    poison(training.env.physics, [7], monkeypatch)
+    assert training.train().status == "finished"
+    assert [line[keys.UNSTABLE_ENVS] for line in run.metrics()] == [1, 0, 0]
+    assert all(np.isfinite(line[keys.STEP_REWARD]) for line in run.metrics())
+
+
+def test_snapshots_of_the_papers_figures_are_kept(settings_of, tmp_path):
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    store = checkpoint_store(settings_of("scale=paper"), run)
+    # Figures 9-12 show iterations 100, 500, 1000 and 2200 of 2500.
+    assert store.keep_iterations == {100, 500, 1000, 2200}
+    assert len(SNAPSHOT_SHARES) == 4
+
+
+def test_the_last_iteration_is_evaluated_and_kept_as_best(training):
+    assert training.train().iteration == 3
+    last = training.run.metrics()[-1]
+    error = 0.5 * (last["eval/upper_body_error_m"] + last["eval/lower_body_error_m"])
+    assert error > 0
+    assert training.store.best() == training.store.path_of(3)
