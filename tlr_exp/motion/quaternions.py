@@ -36,3 +36,26 @@ def normalised(quats: np.ndarray) -> np.ndarray:
     """Quaternions [..., 4] scaled to unit norm; those that have it keep every bit."""
     norm = np.linalg.norm(quats, axis=-1, keepdims=True)
     return quats / np.where(np.abs(norm - 1) < 1e-12, 1.0, norm)
+
+
+def from_euler(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
+    """Quaternions [..., 4] of turns about z, then the new y, then the new x; radians."""
+    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
+    cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
+    cr, sr = np.cos(roll / 2), np.sin(roll / 2)
+    return np.stack(
+        [
+            cy * cp * cr + sy * sp * sr,
+            cy * cp * sr - sy * sp * cr,
+            cy * sp * cr + sy * cp * sr,
+            sy * cp * cr - cy * sp * sr,
+        ],
+        axis=-1,
+    )
+
+
+def rotate(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., 3] turned by quaternions [..., 4]; the leading shapes broadcast."""
+    axis = quats[..., 1:]
+    across = 2 * np.cross(axis, vectors)
+    return vectors + quats[..., :1] * across + np.cross(axis, across)

@@ -1,0 +1,125 @@
+"""What a clip asks of the real robot: its balance, its joint torques, the floor's forces."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.optimize import nnls
+
+from tlr_exp.motion.clip import MotionClip
+from tlr_exp.motion.feet import sole_points
+from tlr_exp.robot import Robot
+
+FRICTION = 0.6
+_CONTACT_M = 0.003  # a sole's point this close to the floor carries weight
+
+
+@dataclass(frozen=True)
+class Centroidal:
+    """Centre of mass and angular momentum about it, world frame, [T, 3] each; SI units."""
+
+    com: np.ndarray
+    com_vel: np.ndarray
+    angular_momentum: np.ndarray
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Inverse dynamics of a clip, one row a frame.
+
+    Attributes:
+        joint_torque: [T, 23], N m.
+        foot_force: [T, 2], N, upward force of the floor on the left and right foot.
+        unmet_force: [T], the part of the needed force and torque on the pelvis (N and N m, norm)
+            that no push of the floor within friction can give. It is zero for a motion that the
+            robot can do, and in flight where it falls freely.
+    """
+
+    joint_torque: np.ndarray
+    foot_force: np.ndarray
+    unmet_force: np.ndarray
+
+
+def centroidal(clip: MotionClip, robot: Robot) -> Centroidal:
+    """Centre of mass and momentum of each frame."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    com, velocity, momentum = (np.empty((clip.num_frames, 3)) for _ in range(3))
+    root = model.body("pelvis").id
+    for t in range(clip.num_frames):
+        data.qpos[:], data.qvel[:] = clip.qpos[t], clip.qvel[t]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        com[t] = data.subtree_com[root]
+        velocity[t] = data.subtree_linvel[root]
+        momentum[t] = data.subtree_angmom[root]
+    return Centroidal(com, velocity, momentum)
+
+
+def zero_moment_point(clip: MotionClip, robot: Robot) -> np.ndarray:
+    """Where the floor's reaction acts, [T, 2] in metres; NaN where the robot weighs nothing.
+
+    With F = m (c'' + g e_z) and H the angular momentum about the centre of mass c:
+    x = c_x - (c_z F_x + H'_y) / F_z and y = c_y - (c_z F_y - H'_x) / F_z.
+    """
+    motion, model = centroidal(clip, robot), robot.model
+    mass = model.body_subtreemass[model.body("pelvis").id]
+    force = mass * np.gradient(motion.com_vel, 1 / clip.fps, axis=0)
+    force[:, 2] -= mass * model.opt.gravity[2]
+    spin = np.gradient(motion.angular_momentum, 1 / clip.fps, axis=0)
+    weight = np.where(force[:, 2] > mass, force[:, 2], np.nan)
+    x = motion.com[:, 0] - (motion.com[:, 2] * force[:, 0] + spin[:, 1]) / weight
+    y = motion.com[:, 1] - (motion.com[:, 2] * force[:, 1] - spin[:, 0]) / weight
+    return np.stack([x, y], axis=1)
+
+
+def inverse_dynamics(clip: MotionClip, robot: Robot) -> Effort:
+    """Torques and floor forces that move the robot as the clip does.
+
+    The forces act at the points of the soles that touch the floor, and are the smallest within
+    friction pyramids that hold the pelvis (nonnegative least squares).
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    soles = [sole_points(robot, side) for side in range(2)]
+    qacc = np.gradient(clip.qvel, 1 / clip.fps, axis=0)
+    torque, vertical = np.empty((clip.num_frames, model.nv - 6)), np.zeros((clip.num_frames, 2))
+    unmet = np.empty(clip.num_frames)
+    for t in range(clip.num_frames):
+        data.qpos[:], data.qvel[:], data.qacc[:] = clip.qpos[t], clip.qvel[t], qacc[t]
+        needed = _needed_force(model, data)
+        edges, sides = _contact_edges(robot, data, soles)
+        # A trace of regularisation shares the load among points that could swap it.
+        system = np.vstack([edges[:, :6].T, 1e-3 * np.eye(len(edges))])
+        strength, _ = nnls(system, np.concatenate([needed[:6], np.zeros(len(edges))]))
+        rest = needed - strength @ edges
+        torque[t], unmet[t] = rest[6:], np.linalg.norm(rest[:6])
+        vertical[t] = [strength[sides == side].sum() for side in range(2)]
+    return Effort(torque, vertical, unmet)
+
+
+def _needed_force(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Generalised forces [29] of the motion in ``data``, as if nothing touched the robot."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    force = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 1, force)
+    return force + model.dof_armature * data.qacc
+
+
+def _contact_edges(
+    robot: Robot, data: mujoco.MjData, soles: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Generalised forces [n, 29] of unit pushes along friction pyramids, and their feet [n]."""
+    rows, sides = [np.empty((0, robot.model.nv))], []
+    pyramid = FRICTION * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    pushes = np.hstack([pyramid, np.ones((4, 1))])
+    for side, body in enumerate(robot.foot_body_ids):
+        points = data.xpos[body] + soles[side] @ data.xmat[body].reshape(3, 3).T
+        for point in points[points[:, 2] < _CONTACT_M]:
+            jacobian = np.zeros((3, robot.model.nv))
+            mujoco.mj_jac(robot.model, data, jacobian, None, point, body)
+            rows.append(pushes @ jacobian)
+            sides += [side] * len(pushes)
+    return np.concatenate(rows), np.array(sides, dtype=int)
