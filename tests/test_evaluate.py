@@ -98,6 +98,17 @@ def test_a_video_that_was_asked_for_and_cannot_be_drawn_is_an_error(run, tmp_pat
     assert "no pictures" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_what_was_trained_on_one_engine_is_evaluated_on_the_other(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("NPROC", "1")  # JAX may have been imported before its engine was asked for
+    native = evaluated(tmp_path / "native", run)
+    mjx = evaluated(tmp_path / "mjx", run, "--physics", "mjx")
+    assert mjx["physics"] == "mjx"
+    assert mjx["num_steps"] == native["num_steps"]
+    # The same fall of the same policy; contacts differ in the last digits and then grow apart.
+    assert mjx["upper_body_error_m"] == pytest.approx(native["upper_body_error_m"], rel=0.2)
+
+
 # --- which checkpoint ------------------------------------------------------------------------
 
 

@@ -28,7 +28,7 @@ class Choice:
 def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status: 0, or 2 for an error told in one line."""
     options = _parser().parse_args(arguments)
-    # The heavy imports come after the arguments are known to be good.
+    # What takes seconds to import is imported where it is needed: mistakes show before that.
     from tlr_exp.graphics import GraphicsUnavailable
 
     try:
@@ -62,13 +62,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
+    choice = choose(options.run, options.checkpoint, options.physics)
+
     from rich.console import Console
 
     from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of, build_split
     from tlr_exp.evaluation import evaluate_policy, result_table
     from tlr_exp.storage import atomic_write
 
-    choice = choose(options.run, options.checkpoint, options.physics)
     settings = choice.settings
     robot = build_robot_of(settings.env)
     env = build_evaluation_env(settings, robot, build_clip(settings.env, robot))
@@ -116,7 +117,6 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     Raises:
         ValueError: no such run, checkpoint or engine; the message lists what there is.
     """
-    from tlr_exp.config import load_settings
     from tlr_exp.recording import RunDirectory
 
     run_path = path
@@ -126,6 +126,9 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
         run_path = path.absolute().parent.parent
     run = RunDirectory.open(run_path)
     config = run.config
+
+    from tlr_exp.config import load_settings
+
     engine = _physics_name(config, physics)
     if physics is not None and engine != _physics_name(config, None):
         config = {**config, "physics": _physics_nodes()[engine]}
