@@ -8,9 +8,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
-import hypothesis
 from hydra import compose, initialize_config_module
 
 from tlr_exp import g1
