@@ -39,8 +39,8 @@ def film_evaluation(
     shown = np.arange(0, trajectory.num_steps, stride)
     camera = camera or Camera()
     qpos, reference = trajectory.qpos[shown], trajectory.reference_qpos[shown]
-    # Between the two, at the reference's height: so both stay in the picture when the robot falls.
-    middle = np.column_stack(((qpos[:, :2] + reference[:, :2]) / 2, reference[:, 2]))
+    # Between the two: so both stay in the picture when the robot falls.
+    middle = (qpos[:, :3] + reference[:, :3]) / 2
     frames = render_frames(
         robot,
         qpos,
