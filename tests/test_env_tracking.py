@@ -1,0 +1,359 @@
+"""What the environment makes of known motions: reference look-up, errors, ends, phase, actions.
+
+The engine is replaced by one that plays the reference back, so that every number is known.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from tlr_exp import g1, keys
+from tlr_exp.env import TrackingEnv
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.reference import Reference
+from tlr_exp.physics.state import PhysicsState
+
+NUM_ENVS = 3
+LAST_FRAME = 40  # of the short motion
+GOAL = (keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL)
+
+
+class Playback:
+    """A robot that is always exactly on the reference, ``ahead`` frames further than asked to be.
+
+    ``shift_m`` [num_envs, 3] moves whole robots off the reference; ``change`` may edit a state
+    before it is handed out.
+    """
+
+    control_dt = 0.02
+    device = torch.device("cpu")
+
+    def __init__(self, reference: Reference, ahead: int = 0) -> None:
+        self.num_envs = NUM_ENVS
+        self.reference = reference
+        self.ahead = ahead
+        self.frame = torch.zeros(NUM_ENVS, dtype=torch.int64)
+        self.shift_m = torch.zeros(NUM_ENVS, 3)
+        self.change = lambda state: state
+        self.targets: list[Tensor] = []
+        self._all_qpos = reference.frame(torch.arange(reference.num_frames)).qpos
+
+    def step(self, joint_target: Tensor) -> PhysicsState:
+        self.targets.append(joint_target)
+        self.frame = self.frame + 1
+        return self.change(self._state(self.ahead))
+
+    def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
+        same = (self._all_qpos[None] == qpos[:, None]).all(dim=-1)
+        self.frame[env_ids] = same.int().argmax(dim=1)
+
+    def state(self) -> PhysicsState:
+        return self._state(0)
+
+    def _state(self, ahead: int) -> PhysicsState:
+        frame = self.reference.frame(self.frame + ahead)
+        fields = {name: value.clone() for name, value in frame._asdict().items()}
+        fields["qpos"][:, :3] += self.shift_m
+        fields["body_pos_w"] += self.shift_m[:, None]
+        return PhysicsState(
+            **fields,
+            joint_torque=torch.zeros(NUM_ENVS, 23),
+            foot_contact_force=torch.zeros(NUM_ENVS, 2, 3),
+            batch_size=[NUM_ENVS],
+        )
+
+
+@pytest.fixture
+def playing(robot, short_clip, settings_of):
+    """``playing(*overrides, ahead=lead, failures=True, terms=GOAL)``: env on its reference."""
+
+    def make(
+        *overrides: str,
+        ahead: int | None = None,
+        failures: bool = True,
+        terms: tuple[str, ...] = GOAL,
+        training_steps: int = 10_000,
+    ) -> TrackingEnv:
+        settings = settings_of(*overrides).env
+        reference = Reference(short_clip)
+        return TrackingEnv(
+            Playback(reference, settings.reference_lead if ahead is None else ahead),
+            reference,
+            robot,
+            {name: dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1) for name in terms},
+            settings,
+            training_steps=training_steps,
+            seed=0,
+            failures=failures,
+        )
+
+    return make
+
+
+def step(env: TrackingEnv, action: Tensor | None = None):
+    action = torch.zeros(NUM_ENVS, 23) if action is None else action
+    return env.step(env.fake_tensordict().set(keys.ACTION, action))["next"]
+
+
+def errors(after) -> dict[str, list[float]]:
+    names = (keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR)
+    return {name: after[name].squeeze(-1).tolist() for name in names}
+
+
+# --- which reference -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lead", [0, 1, 4])
+def test_a_robot_that_is_the_lead_ahead_tracks_perfectly(playing, lead):
+    env = playing(f"env.reference_lead={lead}")
+    env.reset()
+    for _ in range(int(LAST_FRAME - lead - env.start_frame.max())):
+        after = step(env)
+        assert (after[keys.REWARD_TERMS] == 1.0).all()
+        assert all(value == [0.0] * NUM_ENVS for value in errors(after).values())
+    assert after[keys.DONE].any()
+
+
+def test_a_robot_that_follows_without_lead_is_one_frame_behind(playing, short_clip):
+    env = playing(ahead=0)
+    env.reset()
+    start = env.start_frame.numpy()
+    after = step(env)
+    gap = short_clip.body_pos_w[start + 2] - short_clip.body_pos_w[start + 1]
+    expected = np.linalg.norm(gap, axis=-1)[:, list(g1.UPPER_BODY)].mean(axis=1)
+    np.testing.assert_allclose(errors(after)[keys.UPPER_BODY_ERROR], expected, atol=1e-6)
+    assert expected.min() > 1e-4
+
+
+def test_terms_stand_in_the_order_of_the_configuration(playing):
+    names = (keys.BASE_HEIGHT, keys.BODY_POS, keys.ACTION_SMOOTHNESS, keys.TERMINATION)
+    env = playing(terms=names)
+    env.reset()
+    env.physics.shift_m[1] = torch.tensor([0.0, 0.0, 0.5])
+    env.physics.shift_m[2] = torch.tensor([0.0, 0.0, 2.0])  # beyond the distance limit of 1.5 m
+    action = torch.full((NUM_ENVS, 23), 2.0)
+    terms = step(env, action)[keys.REWARD_TERMS]
+    # Squared: 0.25 and 4 m^2; a third of it over the axes, by sigma 0.1; 23 actions from 0 to 2.
+    expected = [
+        [0.0, 1.0, 92.0, 0.0],
+        [0.25, math.exp(-0.25 / 0.3), 92.0, 0.0],
+        [4.0, math.exp(-4 / 0.3), 92.0, 1.0],
+    ]
+    torch.testing.assert_close(terms, torch.tensor(expected), atol=1e-5, rtol=1e-5)
+    # The same action again is no change.
+    assert step(env, action)[keys.REWARD_TERMS][:, 2].tolist() == [0.0] * NUM_ENVS
+
+
+# --- errors ----------------------------------------------------------------------------------
+
+
+def test_errors_by_hand(playing):
+    env = playing()
+    env.reset()
+    env.physics.shift_m[1] = torch.tensor([0.3, 0.0, 0.4])
+
+    def off(state: PhysicsState) -> PhysicsState:
+        # Environment 2: the head is 0.22 m off, the pelvis 0.32 m; two joints 0.23 rad each.
+        state.body_pos_w[2, g1.TRACKED_BODIES.index("head"), 1] += 0.22
+        state.body_pos_w[2, g1.PELVIS, 0] -= 0.32
+        state.qpos[2, 7] += 0.23
+        state.qpos[2, 20] -= 0.23
+        return state
+
+    env.physics.change = off
+    found = errors(step(env))
+    # Means over 11 upper bodies, 16 lower bodies and 23 joints.
+    assert found[keys.UPPER_BODY_ERROR] == pytest.approx([0.0, 0.5, 0.02], abs=1e-6)
+    assert found[keys.LOWER_BODY_ERROR] == pytest.approx([0.0, 0.5, 0.02], abs=1e-6)
+    assert found[keys.JOINT_ERROR] == pytest.approx([0.0, 0.0, 0.02], abs=1e-6)
+
+
+# --- ends of episodes ------------------------------------------------------------------------
+
+
+def ends(after) -> list[tuple[bool, bool, bool]]:
+    flags = (keys.TERMINATED, keys.TRUNCATED, keys.DONE)
+    return list(zip(*(after[flag].squeeze(-1).tolist() for flag in flags), strict=True))
+
+
+@pytest.mark.parametrize("lead", [0, 1, 4])
+def test_the_end_of_the_motion_truncates(playing, lead):
+    env = playing(f"env.reference_lead={lead}", "env.start_phase=zero")
+    env.reset()
+    for _ in range(LAST_FRAME - lead - 1):
+        assert ends(step(env)) == [(False, False, False)] * NUM_ENVS
+    assert ends(step(env)) == [(False, True, True)] * NUM_ENVS
+
+
+def test_every_random_start_leaves_at_least_one_step(playing):
+    env = playing("env.reference_lead=30")
+    remaining = []
+    for _ in range(60):
+        env.reset()
+        remaining += (LAST_FRAME - 30 - env.start_frame).tolist()
+    assert (min(remaining), max(remaining)) == (1, 10)
+
+
+def lying(env_id: int):
+    def change(state: PhysicsState) -> PhysicsState:
+        state.qpos[env_id, 3:7] = torch.tensor([0.5**0.5, 0.5**0.5, 0.0, 0.0])
+        return state
+
+    return change
+
+
+def test_a_robot_that_lies_down_has_failed(playing):
+    env = playing()
+    env.reset()
+    env.physics.change = lying(1)
+    assert ends(step(env)) == [(False,) * 3, (True, False, True), (False,) * 3]
+
+
+def test_a_failure_in_the_last_step_is_no_truncation(playing):
+    env = playing("env.start_phase=zero")
+    env.reset()
+    for _ in range(LAST_FRAME - 2):
+        step(env)
+    env.physics.change = lying(0)
+    assert ends(step(env)) == [(True, False, True), (False, True, True), (False, True, True)]
+
+
+def test_an_evaluation_goes_on_after_failures(playing):
+    env = playing("env.start_phase=zero", failures=False)
+    env.reset()
+    env.physics.change = lying(0)
+    env.physics.shift_m[1] = 9.0
+    for _ in range(LAST_FRAME - 2):
+        assert ends(step(env)) == [(False, False, False)] * NUM_ENVS
+    assert ends(step(env)) == [(False, True, True)] * NUM_ENVS
+
+
+def test_the_distance_limit_tightens_while_episodes_are_long(playing):
+    # From 1.6 to 0.4 m in 2 of 4 control steps: two halvings, once episodes of 39 steps end.
+    env = playing(
+        "env.start_phase=zero",
+        "env.termination.distance_start_m=1.6",
+        "env.termination.distance_end_m=0.4",
+        "env.termination.tighten_share=0.5",
+        "env.termination.tighten_above_steps=38",
+        "env.termination.loosen_below_steps=10",
+        training_steps=4,
+    )
+    env.reset()
+    env.physics.shift_m[1] = torch.tensor([0.0, 1.0, 0.0])
+    # No episode has ended yet, so the mean length is 0 and the limit stays.
+    for _ in range(LAST_FRAME - 1):
+        assert env.distance.value_m.item() == pytest.approx(1.6)
+        assert not step(env)[keys.TERMINATED].any()
+    # All three end together after 39 steps: the first halving.
+    assert env.distance.value_m.item() == pytest.approx(0.8)
+    env.reset()
+    # 1 m is too far now. That episode ended after one step: the mean becomes
+    # 39 + (1 - 39)/3 = 26.3 steps, and the limit rests.
+    assert step(env)[keys.TERMINATED].squeeze(-1).tolist() == [False, True, False]
+    assert env.distance.mean_length.item() == pytest.approx(39 - 38 / 3)
+    assert env.distance.value_m.item() == pytest.approx(0.8)
+
+
+# --- observation and action ------------------------------------------------------------------
+
+
+def test_phase_is_that_of_the_reference_and_ends_at_one(playing):
+    env = playing("env.start_phase=zero")
+    now = env.reset()
+    # The reference is read one frame ahead: frame k + 1 of 40 after k steps.
+    assert now[keys.OBSERVATION][:, -1].tolist() == pytest.approx([1 / 40] * NUM_ENVS)
+    for k in range(1, LAST_FRAME):
+        phase = step(env)[keys.OBSERVATION][:, -1]
+        assert phase.tolist() == pytest.approx([(k + 1) / 40] * NUM_ENVS)
+    assert (phase == 1.0).all()
+
+
+def test_history_in_the_environment_is_newest_first_and_repeats_the_first_frame(playing):
+    env = playing("env.start_phase=zero")
+    default = env.default_joint_pos
+    joints = [env.reset()[keys.OBSERVATION][:, :23]]
+    assert torch.equal(joints[0], env.state.qpos[:, 7:] - default)
+    for k in range(1, 8):
+        action = torch.full((NUM_ENVS, 23), float(k))
+        frames = step(env, action)[keys.OBSERVATION][:, :-1].unflatten(1, (5, 75))
+        joints.append(env.state.qpos[:, 7:] - default)
+        for age in range(5):
+            past = max(0, k - age)
+            assert torch.equal(frames[:, age, :23], joints[past])
+            assert (frames[:, age, 52:] == past).all()
+
+
+def test_the_observed_reference_is_the_one_of_the_next_instant(playing, short_clip):
+    env = playing("env.observation=reference", "env.start_phase=zero")
+    seen = env.reset()[keys.OBSERVATION]
+    for k in range(3):
+        # The playback's pelvis stands in the frame of the reference's own pelvis.
+        turn = env.state.qpos[0, 3:7].double().numpy()
+        at = env.state.qpos[0, :3].double().numpy()
+        yaw = 2 * np.arctan2(turn[3], turn[0])
+        inverse = np.array(
+            [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+        )
+        expected = (short_clip.body_pos_w[k + 1] - at) @ inverse.T
+        np.testing.assert_allclose(seen[0, 82:163].numpy(), expected.ravel(), atol=1e-5)
+        seen = step(env)[keys.OBSERVATION]
+
+
+@pytest.mark.parametrize("choice", ["default_pose", "current_pose"])
+def test_joint_targets(playing, robot, choice):
+    env = playing(f"env.action={choice}")
+    env.reset()
+    before = env.state.qpos[:, 7:].clone()
+    action = torch.linspace(-2.0, 2.0, 69).reshape(NUM_ENVS, 23)
+    step(env, action)
+    base = before.double().numpy() if choice == "current_pose" else robot.default_joint_pos_rad
+    expected = base + action.double().numpy() * robot.action_scale_rad
+    np.testing.assert_allclose(env.physics.targets[0].numpy(), expected, atol=1e-6)
+
+
+# --- what is refused -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("observation", "history, reference"),
+        ("action", "default_pose, current_pose"),
+        ("start_phase", "random, zero"),
+    ],
+)
+def test_choices_that_do_not_exist_are_refused_with_those_that_do(
+    robot, short_clip, settings_of, name, allowed
+):
+    settings = dataclasses.replace(settings_of().env, **{name: "histroy"})
+    reference = Reference(short_clip)
+    with pytest.raises(ValueError, match=f"env.{name} is 'histroy'; allowed are {allowed}"):
+        TrackingEnv(Playback(reference), reference, robot, {"body_pos": {}}, settings, 1, 0)
+
+
+def build(robot, clip: MotionClip, settings) -> TrackingEnv:
+    reference = Reference(clip)
+    terms = {keys.BASE_HEIGHT: {}}
+    return TrackingEnv(Playback(reference), reference, robot, terms, settings, 1, 0)
+
+
+def test_a_motion_at_another_rate_is_refused(robot, short_clip, settings_of):
+    slow = clip_from_qpos(short_clip.qpos, 30.0, robot)
+    with pytest.raises(
+        ValueError, match=r"30 frames a second, the control rate is 50 Hz: resample"
+    ):
+        build(robot, slow, settings_of().env)
+
+
+def test_a_motion_that_is_too_short_is_refused(robot, short_clip, settings_of):
+    settings = settings_of("env.reference_lead=2").env
+    with pytest.raises(ValueError, match="at least 4 frames, this one has 3"):
+        build(robot, clip_from_qpos(short_clip.qpos[:3], 50.0, robot), settings)
+    env = build(robot, clip_from_qpos(short_clip.qpos[:4], 50.0, robot), settings)
+    env.reset()
+    assert ends(step(env)) == [(False, True, True)] * NUM_ENVS
