@@ -33,7 +33,7 @@ class EpisodeLengths:
         return sum(self.last) / len(self.last)
 
     def state_dict(self) -> dict[str, object]:
-        return {"running": self.running, "last": list(self.last)}
+        return {"running": self.running.clone(), "last": list(self.last)}
 
     def load_state_dict(self, state: dict) -> None:
         self.running = state["running"].clone()
