@@ -20,6 +20,7 @@ from tlr_exp.constraints import violations
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
+MOTION_FILES = (".yaml", ".npz")
 
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = ("resume", "runs_dir", "tracking_uri", "study", "num_threads", "scale.evidence")
@@ -32,6 +33,17 @@ class ConfigError(ValueError):
 def plain_config(config: DictConfig) -> dict[str, Any]:
     """The resolved configuration as plain data, without Hydra's own part."""
     return OmegaConf.to_container(OmegaConf.masked_copy(config, _own_keys(config)), resolve=True)  # type: ignore[return-value]
+
+
+def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A plain configuration that means the same files in whatever folder it is read again."""
+    env = dict(config["env"])
+    robot = dict(env["robot"])
+    if robot["mjcf"] is not None:
+        robot["mjcf"] = str(Path(robot["mjcf"]).absolute())
+    if Path(env["motion"]).suffix in MOTION_FILES:
+        env["motion"] = str(Path(env["motion"]).absolute())
+    return {**config, "env": {**env, "robot": robot}}
 
 
 def _own_keys(config: DictConfig) -> list[str]:
@@ -175,7 +187,7 @@ def _motion_problems(motion: str) -> Iterator[str]:
         for path in files("tlr_exp.motion.clips").iterdir()
         if path.name.endswith(".yaml")
     )
-    if Path(motion).suffix in (".yaml", ".npz"):
+    if Path(motion).suffix in MOTION_FILES:
         if not Path(motion).is_file():
             yield f"env.motion: there is no file {motion}"
     elif motion not in authored:

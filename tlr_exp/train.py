@@ -10,7 +10,14 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from tlr_exp.command_line import explain_mistakes
-from tlr_exp.config import CONFIG_PATH, NOT_IDENTITY, ConfigError, load_settings, plain_config
+from tlr_exp.config import (
+    CONFIG_PATH,
+    NOT_IDENTITY,
+    ConfigError,
+    load_settings,
+    plain_config,
+    with_absolute_paths,
+)
 from tlr_exp.mirror import Mirror, default_tracking_uri
 from tlr_exp.recording import FAILED, FINISHED, RunDirectory, RunDirectoryError
 from tlr_exp.runs import config_hash, find_run, next_run_path
@@ -59,7 +66,7 @@ def check_files(settings: Settings) -> None:
 
 def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
     """A new run directory, or with ``resume=auto`` the latest one of the same configuration."""
-    plain = plain_config(config)
+    plain = with_absolute_paths(plain_config(config))
     identity = config_hash(plain, NOT_IDENTITY)
     root = Path(settings.runs_dir) / settings.study
     method = HydraConfig.get().runtime.choices["optimizer"]

@@ -20,7 +20,7 @@ from tlr_exp.assembly import (
     build_trainer,
 )
 from tlr_exp.checkpoint import CheckpointStore
-from tlr_exp.evaluation import EvaluationResult, evaluate_trajectory, rollout
+from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 from tlr_exp.progress import Display, make_display
 from tlr_exp.recording import FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.settings import Settings
@@ -107,12 +107,11 @@ class Training:
         display.show(iteration, metrics)
 
     def _evaluate(self) -> EvaluationResult:
-        """The deterministic policy over the whole motion, judged by the final limits."""
-        limits = self.settings.env.termination
-        trajectory = rollout(
+        """The deterministic policy over the whole motion."""
+        _, result = evaluate_policy(
             self.evaluation_env, self.trainer.ppo.actor, self.trainer.split.term_names
         )
-        return evaluate_trajectory(trajectory, limits.max_tilt, limits.distance_end_m)
+        return result
 
     def _save(self, iteration: int, score: float | None) -> None:
         self.run.flush()
