@@ -221,7 +221,9 @@ def test_damage_in_the_middle_is_named(run: RunDirectory) -> None:
         run.log(iteration, {"a": 1.0})
     lines = run.metrics_path.read_bytes().splitlines(keepends=True)
     run.metrics_path.write_bytes(lines[0] + b"{broken\n" + lines[2])
-    with pytest.raises(DamagedMetricsError, match=r"metrics\.jsonl: line 2 .*broken"):
+    with pytest.raises(
+        DamagedMetricsError, match=rf"metrics\.jsonl: the line at byte {len(lines[0])} .*broken"
+    ):
         run.metrics()
 
 

@@ -20,7 +20,7 @@ WALL_TIME = "wall_time"
 
 
 class DamagedMetricsError(ValueError):
-    """A line that others follow is not a metrics line; the message names file and line."""
+    """A line that others follow is not a metrics line; the message names file and place."""
 
 
 def append_metrics(path: Path, iteration: int, metrics: Mapping[str, float]) -> None:
@@ -60,7 +60,7 @@ def read_metrics(path: Path, offset: int = 0) -> tuple[list[dict[str, Any]], int
             break
         if row is None:
             raise DamagedMetricsError(
-                f"{path}: line {number} after byte {offset} is damaged: {line[:60]!r}"
+                f"{path}: the line at byte {offset} is damaged: {line[:60]!r}"
             )
         rows.append(row)
         offset += len(line) + 1

@@ -144,7 +144,7 @@ class RunDirectory:
             raise RunDirectoryError(f"cannot read {self.path / CONFIG}: {error}") from error
 
     def set_status(self, status: str, **extra: Any) -> None:
-        """Write `status` (and `extra` entries) into the manifest. "running" also records the pid.
+        """Write `status`, the pid of this process and `extra` entries into the manifest.
 
         Raises:
             ValueError: not one of STATUSES.
@@ -152,7 +152,7 @@ class RunDirectory:
         """
         if status not in STATUSES:
             raise ValueError(f"run status {status!r}: must be one of {', '.join(STATUSES)}")
-        process = {"pid": os.getpid(), "command": _command()} if status == RUNNING else {}
+        process = {"pid": os.getpid(), "command": _command()}
         self._write_manifest({**self.manifest, **process, **extra, "status": status})
 
     def _write_manifest(self, manifest: dict[str, Any]) -> None:

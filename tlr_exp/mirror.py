@@ -1,0 +1,145 @@
+"""Starting and ending the live mirror of a run in MLflow, without importing MLflow.
+
+Training only appends to its run directory. The mirror is a process of its own
+(`python -m tlr_exp.sync RUN --follow PID`, see tlr_exp.sync) at a low priority, so that neither
+MLflow's import nor a tracking server that is slow, locked or away can hold training up.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from tlr_exp.recording import RunDirectory
+
+LOG = "sync.log"
+STORE = "mlflow.db"
+URI_VARIABLE = "MLFLOW_TRACKING_URI"
+
+_SQLITE = "sqlite:///"
+_SCHEMES = ("http", "https", "sqlite", "postgresql", "mysql", "mssql")
+
+_log = logging.getLogger(__name__)
+
+# Mirrors that outlive `finish`. Kept, because a Popen object that is collected while its process
+# runs emits a ResourceWarning.
+_left_behind: list[subprocess.Popen[bytes]] = []
+
+
+def default_tracking_uri(root: str | Path) -> str:
+    """MLFLOW_TRACKING_URI where it is set, else the sqlite store mlflow.db in `root`.
+
+    Raises:
+        ValueError: the variable holds something that cannot be used (see `check_tracking_uri`).
+    """
+    from_environment = os.environ.get(URI_VARIABLE)
+    if from_environment:
+        return check_tracking_uri(from_environment)
+    return f"{_SQLITE}{Path(root).absolute() / STORE}"
+
+
+def check_tracking_uri(uri: str) -> str:
+    """`uri` with a sqlite path made absolute, because the mirror runs in another folder.
+
+    Raises:
+        ValueError: not a kind of store that MLflow 3 can write to; names the kinds.
+    """
+    scheme = urlsplit(uri).scheme.partition("+")[0]
+    if scheme not in _SCHEMES:
+        raise ValueError(
+            f"tracking URI {hide_password(uri)!r}: must be http://HOST:PORT, sqlite:///FILE or "
+            f"another of {', '.join(_SCHEMES)} (MLflow no longer writes to plain folders)"
+        )
+    if scheme != "sqlite":
+        return uri
+    path = sqlite_path(uri)
+    if path is None:
+        raise ValueError(f"tracking URI {uri!r}: name a file, as in sqlite:///runs/mlflow.db")
+    return f"{_SQLITE}{path.absolute()}"
+
+
+def sqlite_path(uri: str) -> Path | None:
+    """The database file of a sqlite URI, None for every other URI and for one in memory."""
+    if not uri.startswith(_SQLITE):
+        return None
+    name = uri.removeprefix(_SQLITE).partition("?")[0]
+    return Path(name) if name and name != ":memory:" else None
+
+
+def hide_password(uri: str) -> str:
+    """`uri` for messages and logs, without user name and password."""
+    scheme, separator, rest = uri.partition("://")
+    host, slash, path = rest.partition("/")
+    return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}"
+
+
+class Mirror:
+    """The process that brings a run into MLflow while it trains. Starting costs milliseconds."""
+
+    def __init__(
+        self, run: RunDirectory, uri: str | None, experiment: str, process: subprocess.Popen | None
+    ) -> None:
+        self._run, self._uri, self._experiment, self._process = run, uri, experiment, process
+
+    @classmethod
+    def start(cls, run: RunDirectory, tracking_uri: str | None, experiment: str) -> Mirror:
+        """Start the mirror of `run`, trained by this process; `tracking_uri` None means none.
+
+        A mirror that cannot be started is logged and never an error: `finish` then says False.
+
+        Raises:
+            ValueError: the URI is of no usable kind.
+        """
+        if tracking_uri is None:
+            return cls(run, None, experiment, None)
+        uri = check_tracking_uri(tracking_uri)
+        process = None
+        try:
+            process = _launch(run.path, uri, experiment)
+        except OSError as error:
+            _log.warning("the run is not mirrored to MLflow while it trains: %s", error)
+        return cls(run, uri, experiment, process)
+
+    def finish(self, timeout_s: float = 30.0) -> bool:
+        """Wait for the mirror after the run's status is final; whether all reached MLflow.
+
+        Past `timeout_s` the mirror is left to go on by itself (it ends within about a minute), and
+        the answer is False. With tracking off it is True.
+        """
+        if self._uri is None:
+            return True
+        if self._process is None:
+            return False
+        try:
+            return self._process.wait(timeout_s) == 0
+        except subprocess.TimeoutExpired:
+            _left_behind.append(self._process)
+            return False
+
+    @property
+    def sync_command(self) -> str:
+        """The command line that brings the run over by hand, for the message when it did not."""
+        store = ["--tracking-uri", hide_password(self._uri)] if self._uri else []
+        name = ["--experiment", self._experiment]
+        return shlex.join(["tlr-sync", str(self._run.path), *store, *name])
+
+
+def _launch(run: Path, uri: str, experiment: str) -> subprocess.Popen:
+    arguments = [str(run), "--follow", str(os.getpid()), "--experiment", experiment]
+    # The URI goes by the environment: it may hold a password, and command lines are public.
+    environment = {**os.environ, URI_VARIABLE: uri, "OMP_NUM_THREADS": "1"}
+    with open(run / LOG, "ab") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "tlr_exp.sync", *arguments],
+            cwd=run,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C in the terminal is for the training alone
+        )

@@ -1,0 +1,76 @@
+"""How a run's configuration and manifest are called in MLflow: parameters, tags, metric names.
+
+Pure functions on plain data, within MLflow's limits on characters and lengths.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from tlr_exp.recording import FAILED, FINISHED, RUNNING
+
+RUN_ID_TAG = "tlr_exp.run_id"
+STATUS_TAG = "tlr_exp.status"
+FILES_TAG = "tlr_exp.files"
+
+_MAX_NAME, _MAX_PARAM, _MAX_TAG = 250, 6000, 5000
+_FORBIDDEN = re.compile(r"[^\w\-./: ]")
+
+
+def plain_name(name: str) -> str:
+    """`name` with every character that MLflow refuses (brackets, for one) made an underscore."""
+    return _FORBIDDEN.sub("_", name)[:_MAX_NAME]
+
+
+def flat_parameters(config: Mapping[str, Any]) -> dict[str, str]:
+    """A nested configuration as {"a.b.c": text}; lists and empty dicts as JSON, cut to 6000."""
+    flat: dict[str, str] = {}
+
+    def visit(prefix: str, value: Any) -> None:
+        if isinstance(value, Mapping) and value:
+            for key, item in value.items():
+                visit(f"{prefix}.{key}" if prefix else str(key), item)
+        elif prefix:
+            flat[plain_name(prefix)] = _text(value)[:_MAX_PARAM]
+
+    visit("", config)
+    return flat
+
+
+def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
+    """The tags of a run: its own labels, identity, status, source revision, versions, machine."""
+    git = manifest.get("git") or {}
+    machine = manifest.get("machine") or {}
+    tags: dict[str, Any] = {
+        RUN_ID_TAG: manifest["run_id"],
+        STATUS_TAG: status,
+        "identity": manifest.get("identity"),
+        "seed": manifest.get("seed"),
+        "device": machine.get("device"),
+        "host": machine.get("host"),
+        "cpu_model": machine.get("cpu_model"),
+        "git_commit": git.get("commit"),
+        "git_dirty": git.get("dirty"),
+        "command": manifest.get("command"),
+        "version.tlr_exp": manifest.get("tlr_exp"),
+        "version.python": manifest.get("python"),
+        # What MLflow's own pages show as version and source.
+        "mlflow.source.git.commit": git.get("commit"),
+        "mlflow.source.name": manifest.get("command"),
+    }
+    tags |= {f"version.{name}": text for name, text in (manifest.get("packages") or {}).items()}
+    tags |= manifest.get("tags") or {}
+    known = {name: value for name, value in tags.items() if value is not None}
+    return {plain_name(name): _text(value)[:_MAX_TAG] for name, value in known.items()}
+
+
+def mlflow_status(status: str) -> str:
+    """MLflow's word for a run status."""
+    return {RUNNING: "RUNNING", FINISHED: "FINISHED", FAILED: "FAILED"}.get(status, "KILLED")
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
