@@ -1,6 +1,7 @@
 """Robots and starting states that the tests of the engines share."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -62,3 +63,18 @@ def assert_same_bits() -> Callable[[PhysicsState, PhysicsState], None]:
             assert torch.equal(value, expected[name]), f"{name} differs"
 
     return check
+
+
+@pytest.fixture(scope="session")
+def make_mjx(robot: Robot) -> Callable[..., Any]:
+    """``make_mjx(impl, device)``: MJX with eight environments, compiled once a session."""
+    made: dict[tuple[str, str], Any] = {}
+
+    def make(impl: str = "jax", device: str = "cpu") -> Any:
+        if (impl, device) not in made:
+            from tlr_exp.physics.mjx import MjxPhysics
+
+            made[impl, device] = MjxPhysics(robot, 8, impl=impl, device=device)
+        return made[impl, device]
+
+    return make

@@ -7,7 +7,7 @@ from tlr_exp.physics.state import (
     body_twist,
     check_joint_target,
     check_reset,
-    check_saved_envs,
+    check_saved_state,
 )
 
 
@@ -74,7 +74,18 @@ def test_reset_of_no_environment_is_allowed() -> None:
     check_reset(torch.empty(0, dtype=torch.int64), torch.zeros(0, 30), torch.zeros(0, 29), 4)
 
 
-def test_saved_state_of_another_number_of_environments_is_refused() -> None:
-    check_saved_envs(8, 8)
-    with pytest.raises(ValueError, match="8 environments, this one has 4"):
-        check_saved_envs(8, 4)
+@pytest.mark.parametrize(
+    ("saved", "message"),
+    [
+        ({"qpos": (4, 30)}, "holds qpos, this engine needs qpos, qvel: .* another engine"),
+        ({"qpos": (8, 30), "qvel": (8, 29)}, "8 environments, this one has 4; .*num_envs=8"),
+        ({"qpos": (4, 36), "qvel": (4, 29)}, r"\[4, 36\], this model's has \[4, 30\]"),
+    ],
+)
+def test_saved_state_that_does_not_fit_is_refused(
+    saved: dict[str, tuple[int, ...]], message: str
+) -> None:
+    own = {"qpos": (4, 30), "qvel": (4, 29)}
+    check_saved_state({name: torch.zeros(shape) for name, shape in own.items()}, own)
+    with pytest.raises(ValueError, match=message):
+        check_saved_state({name: torch.zeros(shape) for name, shape in saved.items()}, own)

@@ -17,7 +17,7 @@ from tlr_exp.physics.state import (
     body_twist,
     check_joint_target,
     check_reset,
-    check_saved_envs,
+    check_saved_state,
 )
 from tlr_exp.robot import Robot
 
@@ -133,14 +133,8 @@ class NativePhysics:
 
     def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:
         """Continue from ``state_dict``; see ``Physics.load_state_dict``."""
-        saved = state_dict["integration_state"]
-        check_saved_envs(saved.shape[0], self.num_envs)
-        if saved.shape[1] != self._batch.nstate:
-            raise ValueError(
-                f"the saved physics state has {saved.shape[1]} numbers an environment, this model "
-                f"has {self._batch.nstate}: it was saved with another robot"
-            )
-        self._batch.state[...] = saved.cpu().numpy()
+        check_saved_state(state_dict, {k: v.shape for k, v in self.state_dict().items()})
+        self._batch.state[...] = state_dict["integration_state"].cpu().numpy()
         with _engine_warnings():
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
         self._joint_torque = state_dict["joint_torque"].cpu().clone()

@@ -1,5 +1,7 @@
 """What physics hands to the environment, and the small pieces that all engines share."""
 
+from collections.abc import Mapping, Sequence
+
 import torch
 from tensordict import TensorClass
 from torch import Tensor
@@ -102,14 +104,30 @@ def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> N
         raise ValueError("env_ids names an environment more than once")
 
 
-def check_saved_envs(saved: int, num_envs: int) -> None:
-    """Refuse a saved physics state of another number of environments.
+def check_saved_state(saved: Mapping[str, Tensor], shapes: Mapping[str, Sequence[int]]) -> None:
+    """Refuse a saved physics state that this engine cannot continue from.
+
+    Args:
+        saved: a ``state_dict``.
+        shapes: what this engine's own ``state_dict`` holds; every shape begins with num_envs.
 
     Raises:
-        ValueError: ``saved`` differs from ``num_envs``.
+        ValueError: saved by another engine, for another number of environments or another robot.
     """
-    if saved != num_envs:
+    if set(saved) != set(shapes):
         raise ValueError(
-            f"the saved physics state has {saved} environments, this one has {num_envs}; "
-            f"resume with num_envs={saved}"
+            f"the saved physics state holds {', '.join(sorted(saved))}, this engine needs "
+            f"{', '.join(sorted(shapes))}: it was saved by another engine"
         )
+    for name, shape in shapes.items():
+        found = tuple(saved[name].shape)
+        if found[0] != shape[0]:
+            raise ValueError(
+                f"the saved physics state has {found[0]} environments, this one has {shape[0]}; "
+                f"resume with num_envs={found[0]}"
+            )
+        if found != tuple(shape):
+            raise ValueError(
+                f"the saved {name} has the shape {list(found)}, this model's has {list(shape)}: "
+                "it was saved with another robot"
+            )
