@@ -14,7 +14,7 @@ from tlr_exp.config import (
     plain_config,
 )
 from tlr_exp.constraints import CONSTRAINTS, violations
-from tlr_exp.runs import config_hash
+from tlr_exp.records.runs import config_hash
 
 CONF = Path(__file__).parents[1] / "conf"
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from tlr_exp import evaluate, graphics
+from tlr_exp import evaluate
 from tlr_exp.assembly import build_ppo
-from tlr_exp.checkpoint import CheckpointError, CheckpointStore
-from tlr_exp.recording import RunDirectory
+from tlr_exp.pictures import graphics
+from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.run_directory import RunDirectory
 
 ITERATIONS = {3: -0.9, 6: -0.2, 9: -0.5}  # of the checkpoints, with the scores they were given
 

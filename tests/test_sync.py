@@ -18,15 +18,16 @@ from pathlib import Path
 
 import pytest
 
-from tlr_exp import mirror, sync
-from tlr_exp.mirror import (
+from tlr_exp import sync
+from tlr_exp.records import mirror
+from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
     default_tracking_uri,
     hide_password,
     sqlite_path,
 )
-from tlr_exp.recording import RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.sync import WatchedProcess, follow, has_ended, main
 
 CLOSED_PORT = 9  # "discard": nothing listens there
@@ -40,7 +41,7 @@ def no_environment_uri(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An empty store, made once because that takes seconds; tests get copies."""
-    from tlr_exp.mlflow_store import open_client
+    from tlr_exp.records.mlflow_store import open_client
 
     database = tmp_path_factory.mktemp("store") / "mlflow.db"
     open_client(f"sqlite:///{database}")
@@ -319,8 +320,8 @@ def test_mirror_brings_a_run_over_while_it_trains(tmp_path: Path) -> None:
 
 TRAINING = """
     import os, signal, sys, time
-    from tlr_exp.mirror import Mirror
-    from tlr_exp.recording import RunDirectory
+    from tlr_exp.records.mirror import Mirror
+    from tlr_exp.records.run_directory import RunDirectory
     path, uri, first, last, end = sys.argv[1:]
     run = RunDirectory.open(path)
     with run.lock():

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from tlr_exp import keys
-from tlr_exp.recording import RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training import SNAPSHOT_SHARES, Training, UnstableSimulationError, checkpoint_store
 
 TINY = (

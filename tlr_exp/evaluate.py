@@ -29,7 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status: 0, or 2 for an error told in one line."""
     options = _parser().parse_args(arguments)
     # What takes seconds to import is imported where it is needed: mistakes show before that.
-    from tlr_exp.graphics import GraphicsUnavailable
+    from tlr_exp.pictures.graphics import GraphicsUnavailable
 
     try:
         _evaluate(options)
@@ -68,7 +68,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
     from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of, build_split
     from tlr_exp.evaluation import evaluate_policy, result_table
-    from tlr_exp.storage import atomic_write
+    from tlr_exp.records.storage import atomic_write
 
     settings = choice.settings
     robot = build_robot_of(settings.env)
@@ -92,8 +92,8 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 def _film(path: Path, settings: "Settings", trajectory: Any, required: bool) -> None:
     from tlr_exp.assembly import build_robot_of
-    from tlr_exp.film import film_evaluation
-    from tlr_exp.graphics import GraphicsUnavailable
+    from tlr_exp.pictures.film import film_evaluation
+    from tlr_exp.pictures.graphics import GraphicsUnavailable
 
     print("drawing the video ...", flush=True)
     try:
@@ -117,7 +117,7 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     Raises:
         ValueError: no such run, checkpoint or engine; the message lists what there is.
     """
-    from tlr_exp.recording import RunDirectory
+    from tlr_exp.records.run_directory import RunDirectory
 
     run_path = path
     if path.suffix == ".pt":
@@ -146,7 +146,7 @@ def load_policy(choice: Choice) -> Any:
         CheckpointError: the checkpoint cannot be read, or holds no policy of this configuration.
     """
     from tlr_exp.assembly import build_ppo
-    from tlr_exp.checkpoint import CheckpointError, load_checkpoint
+    from tlr_exp.records.checkpoint import CheckpointError, load_checkpoint
 
     state = load_checkpoint(choice.checkpoint, choice.settings.device)
     actor = build_ppo(choice.settings).actor
@@ -161,7 +161,7 @@ def load_policy(choice: Choice) -> Any:
 
 
 def _checkpoint_file(folder: Path, wanted: str | None) -> Path:
-    from tlr_exp.checkpoint import CheckpointStore
+    from tlr_exp.records.checkpoint import CheckpointStore
 
     store = CheckpointStore(folder, keep_last=1)  # only read: keep_last is of no consequence
     iterations = store.iterations()

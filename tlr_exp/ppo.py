@@ -33,7 +33,7 @@ class PpoDiagnostics:
 
 
 class NonFiniteLossError(RuntimeError):
-    """The loss stopped being finite; the policy is left as it was before that minibatch."""
+    """The loss or its gradient stopped being finite; that minibatch left the policy as it was."""
 
 
 class Ppo:
@@ -97,7 +97,7 @@ class Ppo:
         """Improve actor and critic on ``batch`` [num_envs, num_steps]; then renew the norms.
 
         Raises:
-            NonFiniteLossError: the loss is not finite.
+            NonFiniteLossError: the loss or its gradient is not finite.
         """
         samples = batch.select(*self._needed_keys()).reshape(-1)
         sums = torch.zeros(5, device=samples.device)
@@ -126,23 +126,28 @@ class Ppo:
 
     def _minibatches(self, samples: TensorDictBase) -> list[TensorDictBase]:
         order = torch.randperm(len(samples), generator=self.generator)
-        chunks = order.chunk(self.settings.num_minibatches)
+        # Unlike chunk, this makes as many parts as asked for, whatever the number of samples.
+        chunks = order.tensor_split(self.settings.num_minibatches)
         return [samples[chunk.to(samples.device)] for chunk in chunks]
 
     def _update_once(self, minibatch: TensorDictBase, epoch: int) -> Tensor:
         losses = self.loss(minibatch)
         kl = self._kl_divergence(minibatch)
-        self._adapt_learning_rate(kl)
         total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
-        if not total.isfinite():
-            raise NonFiniteLossError(
-                f"the loss is {total.item()} in epoch {epoch} of the update: "
-                "try a smaller ppo.learning_rate or ppo.max_learning_rate"
-            )
         self.adam.zero_grad(set_to_none=True)
         total.backward()
-        for parameters in (self.actor_parameters, self.critic_parameters):
+        norms = [
             torch.nn.utils.clip_grad_norm_(parameters, self.settings.max_grad_norm)
+            for parameters in (self.actor_parameters, self.critic_parameters)
+        ]
+        # A finite loss can have a gradient that is not.
+        if not torch.stack([total.detach(), *norms]).isfinite().all():
+            raise NonFiniteLossError(
+                f"the loss is {total.item()} and the gradient norms of actor and critic are "
+                f"{', '.join(str(norm.item()) for norm in norms)} in epoch {epoch} of the update: "
+                "try a smaller ppo.learning_rate or ppo.max_learning_rate"
+            )
+        self._adapt_learning_rate(kl)
         self.adam.step()
         logged = ("loss_objective", "loss_critic", "entropy")
         return torch.stack(

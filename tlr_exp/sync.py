@@ -11,18 +11,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tlr_exp.mirror import (
+from tlr_exp.records.mirror import (
     STORE,
     URI_VARIABLE,
     check_tracking_uri,
     default_tracking_uri,
     hide_password,
 )
-from tlr_exp.recording import RUNNING, RunDirectory, RunDirectoryError
-from tlr_exp.runs import find_runs
+from tlr_exp.records.run_directory import RUNNING, RunDirectory, RunDirectoryError
+from tlr_exp.records.runs import find_runs
 
 if TYPE_CHECKING:
-    from tlr_exp.tracking import SyncReport
+    from tlr_exp.records.tracking import SyncReport
 
 DEFAULT_EXPERIMENT = "tlr_exp"
 NICENESS = 10
@@ -128,8 +128,8 @@ def _experiment_of(run: RunDirectory, given: str | None) -> str:
 
 def _sync_one(run: RunDirectory, uri: str, experiment: str | None) -> bool:
     """Bring one run over and print a line on it; whether it worked."""
-    from tlr_exp.mlflow_store import TrackingError
-    from tlr_exp.tracking import sync_run
+    from tlr_exp.records.mlflow_store import TrackingError
+    from tlr_exp.records.tracking import sync_run
 
     try:
         report = sync_run(run, uri, _experiment_of(run, experiment))
@@ -149,12 +149,12 @@ def _line(report: SyncReport) -> str:
 
 # --- following a run that trains -------------------------------------------------------------
 def _follow_one(run: RunDirectory, uri: str, options: argparse.Namespace) -> int:
-    """The live mirror of one run (see tlr_exp.mirror)."""
+    """The live mirror of one run (see tlr_exp.records.mirror)."""
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     process = WatchedProcess(options.follow)  # before the slow import: a later one is another's
-    from tlr_exp.mlflow_store import TrackingError
-    from tlr_exp.tracking import RunUpload
+    from tlr_exp.records.mlflow_store import TrackingError
+    from tlr_exp.records.tracking import RunUpload
 
     upload = RunUpload(run, uri, _experiment_of(run, options.experiment))
     last_message = ""

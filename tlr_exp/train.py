@@ -18,11 +18,11 @@ from tlr_exp.config import (
     plain_config,
     with_absolute_paths,
 )
-from tlr_exp.mirror import Mirror, default_tracking_uri
-from tlr_exp.recording import FAILED, FINISHED, RunDirectory, RunDirectoryError
-from tlr_exp.runs import config_hash, find_run, next_run_path
+from tlr_exp.records.mirror import Mirror, default_tracking_uri
+from tlr_exp.records.run_directory import FAILED, FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.runs import config_hash, find_run, next_run_path
+from tlr_exp.records.storage import StorageError
 from tlr_exp.settings import Settings
-from tlr_exp.storage import StorageError
 
 EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
 

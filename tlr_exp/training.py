@@ -19,10 +19,10 @@ from tlr_exp.assembly import (
     build_robot_of,
     build_trainer,
 )
-from tlr_exp.checkpoint import CheckpointStore
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 from tlr_exp.progress import Display, make_display
-from tlr_exp.recording import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.checkpoint import CheckpointStore
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.settings import Settings
 
 # The paper's snapshots (Figures 9-12) at iterations 100, 500, 1000 and 2200 of 2500.

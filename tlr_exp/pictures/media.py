@@ -12,7 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from tlr_exp.storage import atomic_write, storage_errors, temporary_name
+from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
 _HINT = "Give a folder that can be written and has room."
 

@@ -21,8 +21,8 @@ from typing import Any
 import filelock
 
 from tlr_exp.keys import ITERATION
-from tlr_exp.metrics_file import WALL_TIME, last_of_each_iteration, read_metrics
-from tlr_exp.mlflow_names import (
+from tlr_exp.records.metrics_file import WALL_TIME, last_of_each_iteration, read_metrics
+from tlr_exp.records.mlflow_names import (
     FILES_TAG,
     RUN_ID_TAG,
     flat_parameters,
@@ -30,7 +30,7 @@ from tlr_exp.mlflow_names import (
     plain_name,
     run_tags,
 )
-from tlr_exp.mlflow_store import (
+from tlr_exp.records.mlflow_store import (
     Metric,
     MlflowClient,
     Param,
@@ -41,7 +41,14 @@ from tlr_exp.mlflow_store import (
     open_client,
     tracking_errors,
 )
-from tlr_exp.recording import CONFIG, EVALUATIONS, INTERRUPTED, MANIFEST, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import (
+    CONFIG,
+    EVALUATIONS,
+    INTERRUPTED,
+    MANIFEST,
+    RUNNING,
+    RunDirectory,
+)
 
 LOCK_WAIT_S = 60.0  # for another process that brings the same run over
 MAX_METRICS, MAX_PARAMETERS = 1000, 100  # of one log_batch call, MLflow's limits

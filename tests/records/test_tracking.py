@@ -19,11 +19,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tlr_exp import mlflow_store, tracking
-from tlr_exp.mlflow_names import flat_parameters, mlflow_status, plain_name, run_tags
-from tlr_exp.mlflow_store import MlflowClient, TrackingError, TrackingUnavailable, open_client
-from tlr_exp.recording import RunDirectory
-from tlr_exp.tracking import RunUpload, sync_run
+from tlr_exp.records import mlflow_store, tracking
+from tlr_exp.records.mlflow_names import flat_parameters, mlflow_status, plain_name, run_tags
+from tlr_exp.records.mlflow_store import (
+    MlflowClient,
+    TrackingError,
+    TrackingUnavailable,
+    open_client,
+)
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.tracking import RunUpload, sync_run
 
 CONFIG = {"seed": 3, "ppo": {"gamma": 0.99, "hidden": [512, 256]}, "note": None, "empty": ""}
 TAGS = {"method": "gwo", "scale": "demo", "device": "cpu"}
@@ -523,7 +528,7 @@ def test_tags_of_an_old_or_foreign_manifest() -> None:
 
 
 def test_mlflow_is_silent_and_sends_nothing() -> None:
-    code = "import tlr_exp.tracking, os; print(os.environ['MLFLOW_DISABLE_TELEMETRY'])"
+    code = "import tlr_exp.records.tracking, os; print(os.environ['MLFLOW_DISABLE_TELEMETRY'])"
     ours = ("MLFLOW_", "DO_NOT_TRACK", "GIT_PYTHON")  # set in this process by the import above
     bare = {name: text for name, text in os.environ.items() if not name.startswith(ours)}
     command = [sys.executable, "-c", code]

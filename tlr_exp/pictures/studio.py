@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tlr_exp.graphics import open_context
+from tlr_exp.pictures.graphics import open_context
 
 _SKY = np.array([0.87, 0.90, 0.94])
 _GHOST_RGBA = np.array([0.05, 0.42, 0.95, 0.22])

@@ -21,7 +21,7 @@ from typing import Any
 
 import torch
 
-from tlr_exp.storage import atomic_write, storage_errors, temporary_name
+from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
 _SUFFIX = ".pt"
 _SCORES = "scores.json"

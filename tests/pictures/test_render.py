@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tlr_exp.film import film_evaluation
-from tlr_exp.graphics import GraphicsUnavailable, graphics_backend
-from tlr_exp.media import write_image, write_video
-from tlr_exp.render import Camera, follow_pelvis, keyframe_strip, render_frames
+from tlr_exp.pictures.film import film_evaluation
+from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
+from tlr_exp.pictures.media import write_image, write_video
+from tlr_exp.pictures.render import Camera, follow_pelvis, keyframe_strip, render_frames
+from tlr_exp.pictures.studio import thin_meshes
+from tlr_exp.records.storage import StorageError
 from tlr_exp.robot import Robot, build_robot
-from tlr_exp.storage import StorageError
-from tlr_exp.studio import thin_meshes
 
 SIZE = {"width": 64, "height": 48}
 
@@ -276,9 +276,9 @@ def test_image_is_read_back_exactly(tmp_path):
 
 _DRAW = """
 import sys, mujoco, numpy as np
-from tlr_exp.graphics import GraphicsUnavailable
-from tlr_exp.media import write_video
-from tlr_exp.render import render_frames
+from tlr_exp.pictures.graphics import GraphicsUnavailable
+from tlr_exp.pictures.media import write_video
+from tlr_exp.pictures.render import render_frames
 from tlr_exp.robot import build_robot
 qpos = np.zeros((2, 30)); qpos[:, 2] = 0.76; qpos[:, 3] = 1.0
 try:

@@ -6,8 +6,8 @@ import numpy as np
 
 from tlr_exp import g1
 from tlr_exp.evaluation import Trajectory, body_distance
-from tlr_exp.media import write_video
-from tlr_exp.render import Camera, follow_pelvis, render_frames
+from tlr_exp.pictures.media import write_video
+from tlr_exp.pictures.render import Camera, follow_pelvis, render_frames
 from tlr_exp.robot import Robot
 
 FRAME_RATE_HZ = 25.0

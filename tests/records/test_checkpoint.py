@@ -16,8 +16,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tlr_exp.checkpoint import CheckpointError, CheckpointStore, load_checkpoint
-from tlr_exp.storage import StorageError
+from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore, load_checkpoint
+from tlr_exp.records.storage import StorageError
 
 
 def state(value: float = 1.0) -> dict[str, Any]:
@@ -239,7 +239,7 @@ def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
 def test_killed_at_any_moment_the_newest_file_is_whole(tmp_path: Path) -> None:
     code = """
         import sys, torch
-        from tlr_exp.checkpoint import CheckpointStore
+        from tlr_exp.records.checkpoint import CheckpointStore
         store = CheckpointStore(sys.argv[1], keep_last=2)
         start = store.iterations()[-1] + 1 if store.iterations() else 0
         for iteration in range(start, 10**6):

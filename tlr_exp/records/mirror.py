@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from tlr_exp.recording import RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 
 LOG = "sync.log"
 STORE = "mlflow.db"

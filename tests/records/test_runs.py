@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tlr_exp.recording import RunDirectory
-from tlr_exp.runs import ARTIFACTS, config_hash, find_run, find_runs, next_run_path
-from tlr_exp.storage import StorageError
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.runs import ARTIFACTS, config_hash, find_run, find_runs, next_run_path
+from tlr_exp.records.storage import StorageError
 
 plain = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

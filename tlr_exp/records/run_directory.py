@@ -2,8 +2,8 @@
 
 manifest.json   run id, status, source revision, versions, machine, seed, command line
 config.yaml     the resolved configuration
-metrics.jsonl   one line an iteration, see tlr_exp.metrics_file
-checkpoints/    see tlr_exp.checkpoint
+metrics.jsonl   one line an iteration, see tlr_exp.records.metrics_file
+checkpoints/    see tlr_exp.records.checkpoint
 eval/           what evaluations of the run wrote (JSON, videos)
 run.lock        held by the process that trains
 """
@@ -22,14 +22,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tlr_exp import __version__, provenance
-from tlr_exp.metrics_file import (
+from tlr_exp import __version__
+from tlr_exp.records import provenance
+from tlr_exp.records.metrics_file import (
     append_metrics,
     last_of_each_iteration,
     read_metrics,
     rewrite_until,
 )
-from tlr_exp.storage import StorageError, atomic_write, storage_errors, sync_file
+from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, sync_file
 
 MANIFEST, CONFIG, METRICS, LOCK = "manifest.json", "config.yaml", "metrics.jsonl", "run.lock"
 EVALUATIONS = "eval"
@@ -63,7 +64,7 @@ class RunDirectory:
 
         `config` is the resolved configuration of plain values (the seed is read from its key
         "seed"). `tags` are the labels the run is looked up by: method, scale, device, experiment
-        and the like. `identity` tells which runs are the same experiment (see tlr_exp.runs).
+        and the like. `identity` tells which runs are the same experiment (tlr_exp.records.runs).
 
         Raises:
             RunDirectoryError: `path` holds something already, or `config` is not plain data.
@@ -206,7 +207,7 @@ class RunDirectory:
     def log(self, iteration: int, metrics: Mapping[str, float]) -> None:
         """Append the metrics of one iteration as one line, given to the system at once.
 
-        Non-finite values are kept as null (see tlr_exp.metrics_file).
+        Non-finite values are kept as null (see tlr_exp.records.metrics_file).
 
         Raises:
             ValueError: a name is reserved, or a value is not a number (names it).

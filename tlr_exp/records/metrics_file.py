@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tlr_exp.keys import ITERATION
-from tlr_exp.storage import append_line, atomic_write
+from tlr_exp.records.storage import append_line, atomic_write
 
 WALL_TIME = "wall_time"
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from tlr_exp.recording import FAILED, FINISHED, RUNNING
+from tlr_exp.records.run_directory import FAILED, FINISHED, RUNNING
 
 RUN_ID_TAG = "tlr_exp.run_id"
 STATUS_TAG = "tlr_exp.status"

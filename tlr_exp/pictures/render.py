@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tlr_exp.pictures.studio import QUALITIES, Studio
 from tlr_exp.robot import Robot
-from tlr_exp.studio import QUALITIES, Studio
 
 _INK = (25, 30, 40)
 

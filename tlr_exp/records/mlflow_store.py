@@ -17,8 +17,8 @@ from pathlib import Path
 import filelock
 from sqlalchemy.exc import SQLAlchemyError
 
-from tlr_exp.mirror import hide_password, sqlite_path
-from tlr_exp.runs import ARTIFACTS
+from tlr_exp.records.mirror import hide_password, sqlite_path
+from tlr_exp.records.runs import ARTIFACTS
 
 # Before mlflow is imported: no usage reports, no log set-up of its own, and a server that is away
 # is noticed in seconds (MLflow's own limits add up to many minutes).

@@ -15,11 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tlr_exp import storage
-from tlr_exp.metrics_file import DamagedMetricsError, read_metrics
-from tlr_exp.provenance import git_state, machine, package_versions
-from tlr_exp.recording import RunDirectory, RunDirectoryError
-from tlr_exp.storage import StorageError, append_line, atomic_write
+from tlr_exp.records import storage
+from tlr_exp.records.metrics_file import DamagedMetricsError, read_metrics
+from tlr_exp.records.provenance import git_state, machine, package_versions
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
+from tlr_exp.records.storage import StorageError, append_line, atomic_write
 
 CONFIG = {"seed": 3, "ppo": {"gamma": 0.99, "rate": 1e-5, "hidden": [512, 256]}, "note": None}
 
@@ -101,7 +101,7 @@ def test_create_on_a_full_disk_leaves_no_half_made_run(tmp_path: Path) -> None:
         original(target, data)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tlr_exp.recording.atomic_write", no_room_for_manifest)
+        patch.setattr("tlr_exp.records.run_directory.atomic_write", no_room_for_manifest)
         with pytest.raises(StorageError, match="No space left on device"):
             RunDirectory.create(path, CONFIG, {})
     assert not path.exists()
@@ -305,7 +305,7 @@ def test_appending_keeps_whole_lines_only(
 def test_killed_writer_leaves_every_line_but_the_last_whole(run: RunDirectory) -> None:
     writer = """
         import sys
-        from tlr_exp.recording import RunDirectory
+        from tlr_exp.records.run_directory import RunDirectory
         run = RunDirectory(__import__("pathlib").Path(sys.argv[1]))
         for iteration in range(10**9):
             run.log(iteration, {f"m{i}": i / 7 for i in range(300)})
@@ -337,7 +337,7 @@ def test_lock_keeps_others_out_and_frees_itself_when_its_holder_is_killed(
 ) -> None:
     holder = """
         import sys, time
-        from tlr_exp.recording import RunDirectory
+        from tlr_exp.records.run_directory import RunDirectory
         run = RunDirectory.open(sys.argv[1])
         with run.lock():
             run.set_status("running")
@@ -375,7 +375,7 @@ def test_lock_holds_within_one_process_too(run: RunDirectory) -> None:
 def test_looking_whether_a_run_is_live_never_spoils_its_lock(run: RunDirectory) -> None:
     looker = """
         import sys
-        from tlr_exp.recording import RunDirectory
+        from tlr_exp.records.run_directory import RunDirectory
         run = RunDirectory.open(sys.argv[1])
         print("looking", flush=True)
         while True:
@@ -443,7 +443,7 @@ def test_versions_and_machine() -> None:
 
 def test_module_is_light() -> None:
     code = """
-        import sys, tlr_exp.recording, tlr_exp.runs, tlr_exp.mirror
+        import sys, tlr_exp.records.run_directory, tlr_exp.records.runs, tlr_exp.records.mirror
         heavy = {"torch", "mlflow", "numpy", "yaml", "hydra", "jax", "mujoco"} & set(sys.modules)
         print(sorted(heavy))
     """
