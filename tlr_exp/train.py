@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import hydra
@@ -18,8 +18,20 @@ from tlr_exp.config import (
     plain_config,
     with_absolute_paths,
 )
-from tlr_exp.records.mirror import Mirror, default_tracking_uri
-from tlr_exp.records.run_directory import FAILED, FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.mirror import (
+    Mirror,
+    check_tracking_uri,
+    default_tracking_uri,
+    hide_password,
+)
+from tlr_exp.records.run_directory import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    RUNNING,
+    RunDirectory,
+    RunDirectoryError,
+)
 from tlr_exp.records.runs import config_hash, find_run, next_run_path
 from tlr_exp.records.storage import StorageError
 from tlr_exp.settings import Settings
@@ -30,20 +42,37 @@ EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
 def main() -> None:
     """Entry point of ``tlr-train``."""
     explain_mistakes(sys.argv[1:])
-    _train()
+    _train()  # type: ignore[call-arg]  # Hydra passes the configuration
 
 
 @hydra.main(version_base="1.3", config_path=CONFIG_PATH, config_name="config")
 def _train(config: DictConfig) -> None:
     with _errors_for_people():
         settings = load_settings(config)
+        uri = tracking_uri(settings)
         check_files(settings)
         run = open_run(settings, config)
         if run.status == FINISHED:
             print(f"this configuration has been trained already: {run.path}")
             return
         with run.lock():
-            train_in(run, settings)
+            train_in(run, settings, uri)
+
+
+def tracking_uri(settings: Settings) -> str | None:
+    """The MLflow store of a run; None where the configuration wants none.
+
+    Raises:
+        ConfigError: a URI that MLflow cannot use.
+    """
+    try:
+        if settings.tracking_uri == "none":
+            return None
+        if settings.tracking_uri == "auto":
+            return default_tracking_uri(settings.runs_dir)
+        return check_tracking_uri(settings.tracking_uri)
+    except ValueError as error:
+        raise ConfigError(f"tracking_uri: {error}") from error
 
 
 def check_files(settings: Settings) -> None:
@@ -84,50 +113,42 @@ def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
     return RunDirectory.create(next_run_path(root, name), plain, tags, identity)
 
 
-def train_in(run: RunDirectory, settings: Settings) -> None:
+def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> None:
     """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
-    mirror = Mirror.start(run, tracking_uri(settings), settings.study)
+    run.set_status(RUNNING)
+    mirror = Mirror.start(run, uri, settings.study)
     try:
         # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.
         from tlr_exp.training import Training
 
         training = Training(settings, run)
         outcome = training.train()
-    except BaseException:
-        run.set_status(FAILED)
+    except BaseException as error:
+        # A full disk must not hide what went wrong first.
+        with suppress(StorageError):
+            run.set_status(INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED)
         mirror.finish(timeout_s=10.0)
         raise
     mirrored = mirror.finish()
-    _say_what_is_there(run, settings, outcome.status, outcome.iteration, training.store.best())
+    print(f"\n{outcome.status} after iteration {outcome.iteration} of {settings.scale.iterations}")
+    _say_what_is_there(run, training.store.best(), uri)
     if not mirrored:
         print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
     if outcome.status != FINISHED:
+        print("go on            repeat the command with resume=auto")
         sys.exit(EXIT_INTERRUPTED)
 
 
-def tracking_uri(settings: Settings) -> str | None:
-    """The MLflow store of a run; None where the configuration wants none."""
-    if settings.tracking_uri == "none":
-        return None
-    if settings.tracking_uri == "auto":
-        return default_tracking_uri(settings.runs_dir)
-    return settings.tracking_uri
-
-
-def _say_what_is_there(
-    run: RunDirectory, settings: Settings, status: str, iteration: int, best: Path | None
-) -> None:
-    uri = tracking_uri(settings)
-    print(f"\n{status} after iteration {iteration} of {settings.scale.iterations}")
+def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) -> None:
     print(f"run directory    {run.path}")
     if best is not None:
         print(f"best checkpoint  {best}")
     print(f"evaluate         tlr-evaluate {run.path}")
     if uri is not None:
-        print(f"dashboard        mlflow server --backend-store-uri {uri}")
-    if status != FINISHED:
-        print("go on            repeat the command with resume=auto")
+        served = uri.startswith("http")
+        address = hide_password(uri)
+        print(f"dashboard        {'' if served else 'mlflow server --backend-store-uri '}{address}")
 
 
 @contextmanager
@@ -138,9 +159,15 @@ def _errors_for_people() -> Iterator[None]:
     except (ConfigError, RunDirectoryError) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_CONFIG)
-    except StorageError as error:
+    except (StorageError, *_explained_failures()) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_FAILED)
+
+
+def _explained_failures() -> tuple[type[Exception], ...]:
+    """Failures of a training that say what to do; loaded by then, if they can occur at all."""
+    training = sys.modules.get("tlr_exp.training")
+    return () if training is None else training.EXPLAINED_FAILURES
 
 
 if __name__ == "__main__":

@@ -20,9 +20,11 @@ from tlr_exp.assembly import (
     build_trainer,
 )
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
+from tlr_exp.motion.script import KeyframeError
+from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
-from tlr_exp.records.checkpoint import CheckpointStore
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
 from tlr_exp.settings import Settings
 
 # The paper's snapshots (Figures 9-12) at iterations 100, 500, 1000 and 2200 of 2500.
@@ -33,6 +35,10 @@ MAX_UNSTABLE_SHARE = 0.01
 
 class UnstableSimulationError(RuntimeError):
     """Too many simulations stopped being finite in one iteration."""
+
+
+# What goes wrong in a training and says by itself what to do: no traceback is needed.
+EXPLAINED_FAILURES = (UnstableSimulationError, NonFiniteLossError, CheckpointError, KeyframeError)
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,6 @@ class Training:
         """Run the remaining iterations; a signal ends them after a checkpoint."""
         last = self.settings.scale.iterations
         self.run.truncate_after(self.done)
-        self.run.set_status(RUNNING)
         display = make_display(self.done + 1, last)
         try:
             with _stop_signals() as stop:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from tlr_exp.checkpoint import load_checkpoint
-from tlr_exp.recording import FINISHED, INTERRUPTED, RunDirectory
+from tlr_exp.records.checkpoint import load_checkpoint
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
 
 LAST = 6
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from tlr_exp import keys
-from tlr_exp.recording import RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 
 
 @pytest.mark.parametrize("optimizer", ["fixed", "gwo", "random"])
