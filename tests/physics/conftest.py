@@ -1,4 +1,4 @@
-"""Robots and starting states that the tests of the engines share."""
+"""Starting states, targets and compiled engines that the tests of the engines share."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,14 +8,9 @@ import torch
 from torch import Tensor
 
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import Robot, build_robot
+from tlr_exp.robot import Robot
 
 StartState = tuple[Tensor, Tensor]
-
-
-@pytest.fixture(scope="session")
-def robot() -> Robot:
-    return build_robot()
 
 
 @pytest.fixture(scope="session")
