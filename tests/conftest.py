@@ -12,6 +12,8 @@ import hypothesis
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_module
+from learners import build_learner
+from tensordict.nn import TensorDictModule
 
 from tlr_exp import g1
 from tlr_exp.config import load_settings
@@ -19,6 +21,7 @@ from tlr_exp.env import TrackingEnv
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.native import NativePhysics
+from tlr_exp.ppo import Ppo
 from tlr_exp.robot import Robot, build_robot
 from tlr_exp.settings import Settings
 
@@ -108,5 +111,15 @@ def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Se
             seed=seed,
             failures=failures,
         )
+
+    return make
+
+
+@pytest.fixture
+def make_ppo(settings_of) -> Callable[..., Ppo]:
+    """``make_ppo(*overrides, seed=0, critic=None)``: a small learner of the configuration."""
+
+    def make(*overrides: str, seed: int = 0, critic: TensorDictModule | None = None) -> Ppo:
+        return build_learner(settings_of("ppo.hidden_sizes=[16]", *overrides).ppo, seed, critic)
 
     return make

@@ -1,15 +1,20 @@
 """The environment on the C engine: specs, starts, resets, repeatability, and the collector."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
+from playback import Playback
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
 from torchrl.envs import step_mdp
 from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
+from tlr_exp.env import TrackingEnv
 from tlr_exp.mdp.rewards import TERMS, Transition
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 
 NUM_ENVS = 4
@@ -217,3 +222,48 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
         assert after[keys.TRUNCATED].all() if elapsed == 39 else not after[keys.DONE].any()
         previous = torch.zeros(NUM_ENVS, 23) if elapsed == 39 else action
     assert len(states) == 45
+
+
+# --- what is refused -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("observation", "history, reference"),
+        ("action", "default_pose, current_pose"),
+        ("start_phase", "random, zero"),
+    ],
+)
+def test_choices_that_do_not_exist_are_refused_with_those_that_do(
+    robot, short_clip, settings_of, name, allowed
+):
+    settings = dataclasses.replace(settings_of().env, **{name: "histroy"})
+    reference = Reference(short_clip)
+    with pytest.raises(ValueError, match=f"env.{name} is 'histroy'; allowed are {allowed}"):
+        TrackingEnv(
+            Playback(reference, NUM_ENVS), reference, robot, {"body_pos": {}}, settings, 1, 0
+        )
+
+
+def build(robot, clip: MotionClip, settings) -> TrackingEnv:
+    reference = Reference(clip)
+    terms = {keys.BASE_HEIGHT: {}}
+    return TrackingEnv(Playback(reference, NUM_ENVS), reference, robot, terms, settings, 1, 0)
+
+
+def test_a_motion_at_another_rate_is_refused(robot, short_clip, settings_of):
+    slow = clip_from_qpos(short_clip.qpos, 30.0, robot)
+    with pytest.raises(
+        ValueError, match=r"30 frames a second, the control rate is 50 Hz: resample"
+    ):
+        build(robot, slow, settings_of().env)
+
+
+def test_a_motion_that_is_too_short_is_refused(robot, short_clip, settings_of):
+    settings = settings_of("env.reference_lead=2").env
+    with pytest.raises(ValueError, match="at least 4 frames, this one has 3"):
+        build(robot, clip_from_qpos(short_clip.qpos[:3], 50.0, robot), settings)
+    env = build(robot, clip_from_qpos(short_clip.qpos[:4], 50.0, robot), settings)
+    step = env.step(env.reset().set(keys.ACTION, torch.zeros(NUM_ENVS, 23)))
+    assert step["next", keys.TRUNCATED].all()

@@ -3,68 +3,22 @@
 The engine is replaced by one that plays the reference back, so that every number is known.
 """
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 import torch
+from playback import Playback
 from torch import Tensor
 
 from tlr_exp import g1, keys
 from tlr_exp.env import TrackingEnv
-from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.state import PhysicsState
 
 NUM_ENVS = 3
 LAST_FRAME = 40  # of the short motion
 GOAL = (keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL)
-
-
-class Playback:
-    """A robot that is always exactly on the reference, ``ahead`` frames further than asked to be.
-
-    ``shift_m`` [num_envs, 3] moves whole robots off the reference; ``change`` may edit a state
-    before it is handed out.
-    """
-
-    control_dt = 0.02
-    device = torch.device("cpu")
-
-    def __init__(self, reference: Reference, ahead: int = 0) -> None:
-        self.num_envs = NUM_ENVS
-        self.reference = reference
-        self.ahead = ahead
-        self.frame = torch.zeros(NUM_ENVS, dtype=torch.int64)
-        self.shift_m = torch.zeros(NUM_ENVS, 3)
-        self.change = lambda state: state
-        self.targets: list[Tensor] = []
-        self._all_qpos = reference.frame(torch.arange(reference.num_frames)).qpos
-
-    def step(self, joint_target: Tensor) -> PhysicsState:
-        self.targets.append(joint_target)
-        self.frame = self.frame + 1
-        return self.change(self._state(self.ahead))
-
-    def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
-        same = (self._all_qpos[None] == qpos[:, None]).all(dim=-1)
-        self.frame[env_ids] = same.int().argmax(dim=1)
-
-    def state(self) -> PhysicsState:
-        return self._state(0)
-
-    def _state(self, ahead: int) -> PhysicsState:
-        frame = self.reference.frame(self.frame + ahead)
-        fields = {name: value.clone() for name, value in frame._asdict().items()}
-        fields["qpos"][:, :3] += self.shift_m
-        fields["body_pos_w"] += self.shift_m[:, None]
-        return PhysicsState(
-            **fields,
-            joint_torque=torch.zeros(NUM_ENVS, 23),
-            foot_contact_force=torch.zeros(NUM_ENVS, 2, 3),
-            batch_size=[NUM_ENVS],
-        )
 
 
 @pytest.fixture
@@ -81,7 +35,7 @@ def playing(robot, short_clip, settings_of):
         settings = settings_of(*overrides).env
         reference = Reference(short_clip)
         return TrackingEnv(
-            Playback(reference, settings.reference_lead if ahead is None else ahead),
+            Playback(reference, NUM_ENVS, settings.reference_lead if ahead is None else ahead),
             reference,
             robot,
             {name: dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1) for name in terms},
@@ -314,46 +268,3 @@ def test_joint_targets(playing, robot, choice):
     base = before.double().numpy() if choice == "current_pose" else robot.default_joint_pos_rad
     expected = base + action.double().numpy() * robot.action_scale_rad
     np.testing.assert_allclose(env.physics.targets[0].numpy(), expected, atol=1e-6)
-
-
-# --- what is refused -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "allowed"),
-    [
-        ("observation", "history, reference"),
-        ("action", "default_pose, current_pose"),
-        ("start_phase", "random, zero"),
-    ],
-)
-def test_choices_that_do_not_exist_are_refused_with_those_that_do(
-    robot, short_clip, settings_of, name, allowed
-):
-    settings = dataclasses.replace(settings_of().env, **{name: "histroy"})
-    reference = Reference(short_clip)
-    with pytest.raises(ValueError, match=f"env.{name} is 'histroy'; allowed are {allowed}"):
-        TrackingEnv(Playback(reference), reference, robot, {"body_pos": {}}, settings, 1, 0)
-
-
-def build(robot, clip: MotionClip, settings) -> TrackingEnv:
-    reference = Reference(clip)
-    terms = {keys.BASE_HEIGHT: {}}
-    return TrackingEnv(Playback(reference), reference, robot, terms, settings, 1, 0)
-
-
-def test_a_motion_at_another_rate_is_refused(robot, short_clip, settings_of):
-    slow = clip_from_qpos(short_clip.qpos, 30.0, robot)
-    with pytest.raises(
-        ValueError, match=r"30 frames a second, the control rate is 50 Hz: resample"
-    ):
-        build(robot, slow, settings_of().env)
-
-
-def test_a_motion_that_is_too_short_is_refused(robot, short_clip, settings_of):
-    settings = settings_of("env.reference_lead=2").env
-    with pytest.raises(ValueError, match="at least 4 frames, this one has 3"):
-        build(robot, clip_from_qpos(short_clip.qpos[:3], 50.0, robot), settings)
-    env = build(robot, clip_from_qpos(short_clip.qpos[:4], 50.0, robot), settings)
-    env.reset()
-    assert ends(step(env)) == [(False, True, True)] * NUM_ENVS
