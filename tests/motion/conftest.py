@@ -1,9 +1,15 @@
-"""Fixtures of the motion tests: one robot, one swaying clip."""
+"""Fixtures of the motion tests: one robot, one swaying clip, the gym-motion built once."""
+
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.ik import HandSolver
+from tlr_exp.motion.keyframes import build_clip
+from tlr_exp.motion.plan import MotionPlan
+from tlr_exp.motion.script import read_script
 from tlr_exp.robot import Robot, build_robot
 
 
@@ -31,3 +37,18 @@ def swaying_qpos(robot: Robot) -> np.ndarray:
 @pytest.fixture(scope="session")
 def swaying_clip(robot: Robot, swaying_qpos: np.ndarray) -> MotionClip:
     return clip_from_qpos(swaying_qpos, 50.0, robot)
+
+
+@pytest.fixture(scope="session")
+def gym_text() -> str:
+    return files("tlr_exp.motion.clips").joinpath("gym_motion.yaml").read_text()
+
+
+@pytest.fixture(scope="session")
+def gym_plan(robot: Robot, gym_text: str) -> MotionPlan:
+    return MotionPlan(read_script(gym_text, HandSolver(robot)), robot)
+
+
+@pytest.fixture(scope="session")
+def gym_clip(robot: Robot, gym_text: str) -> MotionClip:
+    return build_clip(gym_text, robot)

@@ -19,13 +19,17 @@ COM_MARGIN_M = 0.003  # likewise the centre of mass, where it moves slowly
 # Below this speed the centre of mass must be above the feet, as if the robot stood still.
 SLOW_SPEED_M_S = 0.1
 
+# Feet that carry less than this share of the weight, at take-off and landing, count as flying.
+_LEAST_LOAD = 0.3
 _DEGREE = 5
 _KNOT_SPACING_S = 0.1
 _JERK_WEIGHT = 1e-4  # (m/s^3)^2 against m^2 of ZMP off its target
 _FLIGHT_WEIGHT = 1.0  # (m/s^2)^2 likewise
-_HEIGHT_JERK_WEIGHT = 1e-8  # (m/s^3)^2 against m^2 of height off its curve
+_HEIGHT_JERK_WEIGHT = 1e-7  # (m/s^3)^2 against m^2 of height off what is written
+_EDGE_WEIGHT = 30.0  # of the heights at take-off and landing against the others
 # Where the constraints contradict one another the plan breaks them a little, and evenly.
 _SOFTNESS = 1e-4
+_TOLERANCE_M = 0.01  # how far outside a finished plan's ZMP may be
 _SOFT, _EQUAL = 8, 5  # DAQP's names for kinds of constraints
 
 
@@ -43,11 +47,6 @@ class Support:
     planes: list[np.ndarray | None]
     target: np.ndarray
     reach: list[np.ndarray]
-
-    @property
-    def flying(self) -> np.ndarray:
-        """Whether nothing touches the floor, [T]."""
-        return np.array([planes is None for planes in self.planes])
 
 
 @dataclass(frozen=True)
@@ -77,22 +76,20 @@ def plan_com(support: Support, mass: MassEstimate, times_s: np.ndarray) -> np.nd
         ValueError: there is no such path.
     """
     basis = _Basis(times_s)
-    lift = np.gradient(np.gradient(mass.height, times_s), times_s)
     # ZMP = c - h / (g + h'') c'' + offset; in flight there is none, and c'' = 0 takes its place.
-    ratio = mass.height / np.maximum(lift + GRAVITY, 0.3 * GRAVITY)
-    zmp = basis.values - ratio[:, None] * basis.accelerations
-    flying = support.flying
+    load = _load(mass, times_s)
+    zmp = basis.values - (mass.height / (GRAVITY * load))[:, None] * basis.accelerations
+    flying = np.array([planes is None for planes in support.planes]) | (load <= _LEAST_LOAD)
     falls = basis.accelerations[flying]
     cost = _JERK_WEIGHT * basis.jerks.T @ basis.jerks + _FLIGHT_WEIGHT * falls.T @ falls
     cost += zmp[~flying].T @ zmp[~flying]
     pull = (support.target - mass.zmp_offset)[~flying].T @ zmp[~flying]  # [2, n]
-    slow = [
-        edges if rests else None for edges, rests in zip(support.planes, mass.slow, strict=True)
-    ]
+    planes = [None if out else edges for out, edges in zip(flying, support.planes, strict=True)]
+    slow = [edges if rests else None for edges, rests in zip(planes, mass.slow, strict=True)]
     still = np.zeros_like(mass.zmp_offset)
     limits = [
         basis.at_rest(support.target[0], support.target[-1]),
-        _inside(support.planes, zmp, mass.zmp_offset, ZMP_MARGIN_M),
+        _inside(planes, zmp, mass.zmp_offset, ZMP_MARGIN_M),
         _inside(slow, basis.values, still, COM_MARGIN_M),
         _inside(support.reach, basis.values, still, 0.0),
     ]
@@ -113,16 +110,61 @@ def plan_com(support: Support, mass: MassEstimate, times_s: np.ndarray) -> np.nd
 
 
 def plan_height(height_m: np.ndarray, flying: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """A height [T] close to ``height_m`` [T] that falls freely where the robot flies."""
+    """A height [T] that falls freely where ``flying`` [T], and else is close to ``height_m`` [T].
+
+    Closest at take-off and landing, because these settle the flight between them.
+    """
     basis = _Basis(times_s)
+    edges = np.zeros(len(times_s), dtype=bool)
+    edges[:-1] |= flying[1:]
+    edges[1:] |= flying[:-1]
+    weight = np.where(edges, _EDGE_WEIGHT, 1.0)[~flying]
     rows = [
-        basis.values[~flying],
-        _FLIGHT_WEIGHT * basis.accelerations[flying],
-        np.sqrt(_HEIGHT_JERK_WEIGHT) * basis.jerks,
+        basis.values[~flying] * weight[:, None],
+        basis.accelerations[flying] * _FLIGHT_WEIGHT,
+        basis.jerks * np.sqrt(_HEIGHT_JERK_WEIGHT),
     ]
-    values = [height_m[~flying], np.full(flying.sum(), -GRAVITY), np.zeros(len(times_s))]
+    values = [
+        height_m[~flying] * weight,
+        np.full(flying.sum(), -GRAVITY * _FLIGHT_WEIGHT),
+        np.zeros(len(times_s)),
+    ]
     solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values))[0]
     return basis.values @ solution
+
+
+def check_balance(
+    com: np.ndarray, support: Support, mass: MassEstimate, times_s: np.ndarray
+) -> None:
+    """Check that a path of the centre of mass keeps the ZMP over the feet.
+
+    Raises:
+        ValueError: it does not; the message gives the time at which it is furthest off.
+    """
+    load = _load(mass, times_s)
+    lever = (mass.height / (GRAVITY * load))[:, None]
+    zmp = com + mass.zmp_offset - lever * _second_derivative(com, times_s)
+    outside = [
+        -np.inf
+        if planes is None or share <= _LEAST_LOAD
+        else (planes[:, :2] @ point + planes[:, 2]).max()
+        for planes, point, share in zip(support.planes, zmp, load, strict=True)
+    ]
+    if max(outside) > _TOLERANCE_M:
+        raise ValueError(
+            f"at {times_s[np.argmax(outside)]:.2f} s the weight is {1000 * max(outside):.0f} mm "
+            "beside the feet that must carry it: begin the swing later, make it longer, or put "
+            "the weight on the standing foot before (weight_on_right)"
+        )
+
+
+def _load(mass: MassEstimate, times_s: np.ndarray) -> np.ndarray:
+    """What the feet carry, [T], as a share of the robot's weight; at least ``_LEAST_LOAD``."""
+    return np.maximum(1 + _second_derivative(mass.height, times_s) / GRAVITY, _LEAST_LOAD)
+
+
+def _second_derivative(values: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    return np.gradient(np.gradient(values, times_s, axis=0), times_s, axis=0)
 
 
 def _inside(

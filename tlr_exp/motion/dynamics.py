@@ -16,11 +16,12 @@ _CONTACT_M = 0.003  # a sole's point this close to the floor carries weight
 
 @dataclass(frozen=True)
 class Centroidal:
-    """Centre of mass and angular momentum about it, world frame, [T, 3] each; SI units."""
+    """Centre of mass and angular momentum about it, world frame, [T, 3] each; mass in kg."""
 
     com: np.ndarray
     com_vel: np.ndarray
     angular_momentum: np.ndarray
+    mass: float
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def centroidal(clip: MotionClip, robot: Robot) -> Centroidal:
         com[t] = data.subtree_com[root]
         velocity[t] = data.subtree_linvel[root]
         momentum[t] = data.subtree_angmom[root]
-    return Centroidal(com, velocity, momentum)
+    return Centroidal(com, velocity, momentum, float(model.body_subtreemass[root]))
 
 
 def zero_moment_point(clip: MotionClip, robot: Robot) -> np.ndarray:
@@ -63,12 +64,11 @@ def zero_moment_point(clip: MotionClip, robot: Robot) -> np.ndarray:
     With F = m (c'' + g e_z) and H the angular momentum about the centre of mass c:
     x = c_x - (c_z F_x + H'_y) / F_z and y = c_y - (c_z F_y - H'_x) / F_z.
     """
-    motion, model = centroidal(clip, robot), robot.model
-    mass = model.body_subtreemass[model.body("pelvis").id]
-    force = mass * np.gradient(motion.com_vel, 1 / clip.fps, axis=0)
-    force[:, 2] -= mass * model.opt.gravity[2]
+    motion = centroidal(clip, robot)
+    force = motion.mass * np.gradient(motion.com_vel, 1 / clip.fps, axis=0)
+    force[:, 2] -= motion.mass * robot.model.opt.gravity[2]
     spin = np.gradient(motion.angular_momentum, 1 / clip.fps, axis=0)
-    weight = np.where(force[:, 2] > mass, force[:, 2], np.nan)
+    weight = np.where(force[:, 2] > motion.mass, force[:, 2], np.nan)
     x = motion.com[:, 0] - (motion.com[:, 2] * force[:, 0] + spin[:, 1]) / weight
     y = motion.com[:, 1] - (motion.com[:, 2] * force[:, 1] - spin[:, 0]) / weight
     return np.stack([x, y], axis=1)
@@ -89,9 +89,7 @@ def inverse_dynamics(clip: MotionClip, robot: Robot) -> Effort:
         data.qpos[:], data.qvel[:], data.qacc[:] = clip.qpos[t], clip.qvel[t], qacc[t]
         needed = _needed_force(model, data)
         edges, sides = _contact_edges(robot, data, soles)
-        # A trace of regularisation shares the load among points that could swap it.
-        system = np.vstack([edges[:, :6].T, 1e-3 * np.eye(len(edges))])
-        strength, _ = nnls(system, np.concatenate([needed[:6], np.zeros(len(edges))]))
+        strength = _push(edges, needed)
         rest = needed - strength @ edges
         torque[t], unmet[t] = rest[6:], np.linalg.norm(rest[:6])
         vertical[t] = [strength[sides == side].sum() for side in range(2)]
@@ -106,6 +104,15 @@ def _needed_force(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     force = np.zeros(model.nv)
     mujoco.mj_rne(model, data, 1, force)
     return force + model.dof_armature * data.qacc
+
+
+def _push(edges: np.ndarray, needed: np.ndarray) -> np.ndarray:
+    """How strongly [n] to push along each of ``edges`` to give the pelvis what it needs."""
+    if not len(edges):
+        return np.empty(0)
+    # A trace of regularisation shares the load among points that could swap it.
+    system = np.vstack([edges[:, :6].T, 1e-3 * np.eye(len(edges))])
+    return nnls(system, np.concatenate([needed[:6], np.zeros(len(edges))]))[0]
 
 
 def _contact_edges(

@@ -13,9 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from tlr_exp.g1 import joint_tables
-from tlr_exp.motion.balance import GRAVITY, SLOW_SPEED_M_S, MassEstimate, plan_com
+from tlr_exp.motion.balance import (
+    GRAVITY,
+    SLOW_SPEED_M_S,
+    MassEstimate,
+    check_balance,
+    plan_com,
+)
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
-from tlr_exp.motion.dynamics import centroidal, zero_moment_point
+from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import sole_points
 from tlr_exp.motion.ik import BodySolver, HandSolver
 from tlr_exp.motion.plan import MotionPlan
@@ -81,9 +87,12 @@ def build_clip(text: str, robot: Robot) -> MotionClip:
 def _one_pass(
     plan: MotionPlan, mass: MassEstimate, solver: BodySolver, robot: Robot, strict: bool
 ) -> MotionClip:
-    plan.fall_freely(mass)
     try:
-        com = plan_com(plan.support(mass.pelvis_offset), mass, plan.times_s)
+        plan.fall_freely(mass)
+        support = plan.support(mass.pelvis_offset)
+        com = plan_com(support, mass, plan.times_s)
+        if strict:
+            check_balance(com, support, mass, plan.times_s)
         qpos = solver.solve(plan.targets(com, mass.pelvis_offset), strict)
         return clip_from_qpos(qpos, plan.fps, robot)
     except ValueError as error:
@@ -103,14 +112,14 @@ def _point_mass(plan: MotionPlan) -> MassEstimate:
 def _measure(clip: MotionClip, robot: Robot) -> MassEstimate:
     """What a clip shows of the mass, for the next plan."""
     motion = centroidal(clip, robot)
-    acceleration = np.gradient(motion.com_vel, 1 / clip.fps, axis=0)
-    weight = np.maximum(acceleration[:, 2:] + GRAVITY, 0.3 * GRAVITY)
-    point_mass_zmp = motion.com[:, :2] - motion.com[:, 2:] / weight * acceleration[:, :2]
+    lift = np.gradient(motion.com_vel[:, 2:], 1 / clip.fps, axis=0)
+    spin = np.gradient(motion.angular_momentum, 1 / clip.fps, axis=0)
+    weight = motion.mass * np.maximum(lift + GRAVITY, GRAVITY)
     # A little faster than slow, because the next plan's speed differs a little.
     slow = np.linalg.norm(motion.com_vel[:, :2], axis=1) < 1.05 * SLOW_SPEED_M_S
     return MassEstimate(
         height=motion.com[:, 2],
-        zmp_offset=np.nan_to_num(zero_moment_point(clip, robot) - point_mass_zmp),
+        zmp_offset=np.stack([-spin[:, 1], spin[:, 0]], axis=1) / weight,
         pelvis_offset=clip.qpos[:, :3] - motion.com,
         slow=slow,
     )

@@ -40,6 +40,7 @@ class MotionPlan:
 
     Attributes:
         fps: frames a second.
+        names: keyframe names and their times in seconds.
         times_s: [T].
         pelvis_height_m: [T].
         pelvis_quat: [T, 4].
@@ -48,11 +49,11 @@ class MotionPlan:
     """
 
     def __init__(self, script: Script, robot: Robot) -> None:
-        self.fps = script.fps
+        self.fps, self.names = script.fps, dict(script.names)
         frames = round(script.duration_s * script.fps) + 1
         self.times_s = np.arange(frames) / script.fps
         channels = {name: interpolate(knots, self.times_s) for name, knots in script.knots.items()}
-        self.pelvis_height_m = self._authored_height_m = channels["pelvis.height_m"]
+        self.pelvis_height_m = self._written_height_m = channels["pelvis.height_m"]
         angles = (channels[f"pelvis.{key}"] for key in ("yaw", "pitch", "roll"))
         self.pelvis_quat = from_euler(*angles)
         self.joint_pos = np.zeros((frames, NUM_JOINTS))
@@ -66,12 +67,19 @@ class MotionPlan:
         self._ankle_room = [_ankle_room(robot, side) for side in range(len(SIDES))]
 
     def fall_freely(self, mass: MassEstimate) -> None:
-        """Where both feet are in the air, replace the written height by that of a free fall."""
+        """Let the centre of mass fall freely while both feet are in the air.
+
+        Its heights at take-off and landing and the time between them settle the flight; heights
+        that the script gives in between are passed over, and those shortly before and after may
+        be missed by some centimetres.
+        """
         flying = ~np.any([foot.on_floor for foot in self.feet], axis=0)
+        if flying[0] or flying[-1]:
+            raise ValueError("the first and the last keyframe need a foot on the floor")
         if flying.any():
             above = mass.pelvis_offset[:, 2]
-            com_height = plan_height(self._authored_height_m - above, flying, self.times_s)
-            self.pelvis_height_m = com_height + above
+            height = plan_height(self._written_height_m - above, flying, self.times_s)
+            self.pelvis_height_m = height + above
 
     def support(self, pelvis_offset_m: np.ndarray) -> Support:
         """The constraints on the centre of mass.

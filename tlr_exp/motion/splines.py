@@ -25,8 +25,8 @@ def interpolate(knots: Sequence[tuple[float, float]], times_s: np.ndarray) -> np
     through = before * after > 0
     total = np.where(through, before + after, 1.0)
     speeds[1:-1] = np.where(through, 2 * before * after / total, 0.0)
-    derivatives = np.stack([levels, speeds, np.zeros_like(levels)], axis=1)
-    curve = BPoly.from_derivatives(times, derivatives)
+    table = np.stack([levels, speeds, np.zeros_like(levels)], axis=1)
+    curve = BPoly.from_derivatives(times, table)
     return curve(np.clip(times_s, times[0], times[-1]))
 
 
