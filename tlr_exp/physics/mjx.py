@@ -8,15 +8,17 @@ import contextlib
 import copy
 import io
 import os
-import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax
 import mujoco
 import numpy as np
 import torch
+from jax import numpy as jnp
+from jax._src.xla_bridge import backends_are_initialized
 from torch import Tensor
 
 from tlr_exp.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, NUM_JOINTS, PELVIS
@@ -29,18 +31,6 @@ from tlr_exp.physics.state import (
     check_saved_state,
 )
 from tlr_exp.robot import Robot
-
-if not torch.cuda.is_available():
-    # With more threads, a scan over mjx.step under vmap can leave all of XLA's CPU threads asleep
-    # for ever; with one it also runs faster. XLA reads this when its CPU client is made.
-    if "jax" in sys.modules and os.environ.get("NPROC") != "1":
-        hint = "jax was imported before tlr_exp.physics.mjx and may hang on the CPU: set NPROC=1"
-        warnings.warn(hint, RuntimeWarning, stacklevel=2)
-    os.environ.setdefault("NPROC", "1")
-os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # torch needs memory, too
-
-import jax
-from jax import numpy as jnp
 
 with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missing
     from mujoco import mjx
@@ -85,9 +75,8 @@ class MjxPhysics:
         self.control_dt = CONTROL_DT_S
         default = "cuda" if torch.cuda.is_available() else "cpu"
         self.device = torch.device(default if device is None else device)
-        self._jax_device = _find_jax_device(self.device)
-        _configure_jax()
-        with jax.default_device(self._jax_device):
+        _configure_jax(self.device)
+        with jax.default_device(_find_jax_device(self.device)):
             room = {"naconmax": num_envs * max_contacts, "njmax": max_constraints}
             advance = _advance_program(robot, impl, room if impl == "warp" else {})
             step = _batched_step(advance, _kinematics_program(robot))
@@ -292,7 +281,15 @@ def _find_jax_device(device: torch.device) -> Any:
         ) from error
 
 
-def _configure_jax() -> None:
+def _configure_jax(device: torch.device) -> None:
+    if device.type == "cpu":
+        # With more threads, a scan over mjx.step under vmap can leave all of XLA's CPU threads
+        # asleep for ever; with one it also runs faster. XLA reads this at its first use.
+        if backends_are_initialized() and os.environ.get("NPROC") != "1":
+            hint = "jax was used before MjxPhysics was made and may hang on the CPU: set NPROC=1"
+            warnings.warn(hint, RuntimeWarning, stacklevel=3)
+        os.environ["NPROC"] = "1"
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # torch needs memory, too
     # Reduced-precision products (TF32) spoil contacts.
     jax.config.update("jax_default_matmul_precision", "highest")
     if jax.config.values["jax_compilation_cache_dir"] is None:
