@@ -1,5 +1,7 @@
 """The curves between keyframes: through the knots, smooth, and never beyond them."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -39,7 +41,7 @@ def test_a_channel_rests_where_it_turns():
 def test_curves_meet_their_knots_and_stay_between_them(knots):
     times, values = np.array(knots).T
     np.testing.assert_allclose(interpolate(knots, times), values, atol=1e-9)
-    for (start, low), (end, high) in zip(knots, knots[1:], strict=False):
+    for (start, low), (end, high) in pairwise(knots):
         inside = interpolate(knots, np.linspace(start, end, 50))
         assert inside.min() >= min(low, high) - 1e-9
         assert inside.max() <= max(low, high) + 1e-9
@@ -49,7 +51,7 @@ def test_curves_meet_their_knots_and_stay_between_them(knots):
 def test_acceleration_vanishes_at_the_knots(knots):
     """So that it does not jump there; a cubic's would be of the order of 6 D / T^2."""
     step = 1e-3
-    for (start, low), (end, high) in zip(knots, knots[1:], strict=False):
+    for (start, low), (end, high) in pairwise(knots):
         inside = interpolate(knots, start + step * np.arange(3))
         acceleration = abs(inside @ [1, -2, 1]) / step**2
         # The jerk of these quintics is at most 132 D / T^3.

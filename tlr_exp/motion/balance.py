@@ -88,24 +88,12 @@ def plan_com(support: Support, mass: MassEstimate, times_s: np.ndarray) -> np.nd
     slow = [edges if rests else None for edges, rests in zip(planes, mass.slow, strict=True)]
     still = np.zeros_like(mass.zmp_offset)
     limits = [
-        basis.at_rest(support.target[0], support.target[-1]),
         _inside(planes, zmp, mass.zmp_offset, ZMP_MARGIN_M),
         _inside(slow, basis.values, still, COM_MARGIN_M),
         _inside(support.reach, basis.values, still, 0.0),
     ]
-    rows, bounds = (np.concatenate(parts) for parts in zip(*limits, strict=True))
-    equal = np.arange(len(bounds)) < len(limits[0][1])
-    solution, _, flag, _ = daqp.solve(
-        np.kron(np.eye(2), cost),
-        -pull.reshape(-1),
-        rows,
-        bounds,
-        np.where(equal, bounds, -1e30),
-        np.where(equal, _EQUAL, _SOFT).astype(np.int32),
-        rho_soft=_SOFTNESS,
-    )
-    if flag < 1:
-        raise ValueError(f"no path of the centre of mass was found (DAQP exit flag {flag})")
+    ends = basis.at_rest(support.target[0], support.target[-1])
+    solution = _solve(np.kron(np.eye(2), cost), -pull.reshape(-1), ends, limits)
     return basis.values @ solution.reshape(2, -1).T
 
 
@@ -156,6 +144,30 @@ def check_balance(
             "beside the feet that must carry it: begin the swing later, make it longer, or put "
             "the weight on the standing foot before (weight_on_right)"
         )
+
+
+def _solve(
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    equalities: tuple[np.ndarray, np.ndarray],
+    limits: list[tuple[np.ndarray, np.ndarray]],
+) -> np.ndarray:
+    """The x that minimises x'Hx/2 + g'x, with A x = b for the first rows, and softly <= b."""
+    parts = zip(equalities, *limits, strict=True)
+    rows, bounds = (np.concatenate(part) for part in parts)
+    equal = np.arange(len(bounds)) < len(equalities[1])
+    solution, _, flag, _ = daqp.solve(
+        hessian,
+        gradient,
+        rows,
+        bounds,
+        np.where(equal, bounds, -1e30),
+        np.where(equal, _EQUAL, _SOFT).astype(np.int32),
+        rho_soft=_SOFTNESS,
+    )
+    if flag < 1:
+        raise ValueError(f"no path of the centre of mass was found (DAQP exit flag {flag})")
+    return solution
 
 
 def _load(mass: MassEstimate, times_s: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ LIMIT_MARGIN_RAD = 0.05
 _STEP_TOLERANCE = 1e-7  # rad and m; the last step of Newton's method is smaller
 _MAX_STEPS = 40
 _REACH_M = 1e-3  # what a foot or the centre of mass may miss
+_DRAFT_REACH_M = 0.03  # likewise in a draft, whose plan does not yet know the limbs
 _HAND_REACH_M = 0.01
 
 
@@ -83,6 +84,9 @@ class BodySolver:
     def solve(self, targets: BodyTargets, strict: bool = True) -> np.ndarray:
         """Configurations [T, 30] that meet the targets.
 
+        Without ``strict`` they are a draft: joints may go up to their limits, and targets may be
+        missed by centimetres.
+
         Raises:
             ValueError: a foot or the centre of mass cannot get where it should; the message
                 gives the time, the distance and the joints that are at their limits.
@@ -97,8 +101,7 @@ class BodySolver:
         for t in range(frames):
             self._aim(targets, t)
             self._converge(strict)
-            if strict:
-                self._check_reached(targets.times_s[t])
+            self._check_reached(targets.times_s[t], _REACH_M if strict else _DRAFT_REACH_M)
             qpos[t] = self.configuration.q
         return qpos
 
@@ -127,7 +130,7 @@ class BodySolver:
             if np.abs(step).max() < _STEP_TOLERANCE:
                 return
 
-    def _check_reached(self, time_s: float) -> None:
+    def _check_reached(self, time_s: float, reach_m: float) -> None:
         misses = {
             f"the {name}": np.linalg.norm(foot.compute_error(self.configuration))
             for name, foot in zip(("left foot", "right foot"), self.feet, strict=True)
@@ -137,7 +140,7 @@ class BodySolver:
         )
         misses["the pelvis"] = abs(self.height.compute_error(self.configuration)[0])
         worst = max(misses, key=lambda what: misses[what])
-        if misses[worst] > _REACH_M:
+        if misses[worst] > reach_m:
             raise ValueError(
                 f"at {time_s:.2f} s {worst} misses its target by {1000 * misses[worst]:.0f} mm; "
                 f"joints at their limits: {', '.join(self._blocked()) or '(none)'}"
