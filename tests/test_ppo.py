@@ -22,14 +22,14 @@ from tlr_exp.ppo import Ppo
 
 
 def test_advantages_at_a_cut_by_hand(make_ppo):
-    # gamma = lambda = 0.5, rewards 1; V = 1, 2, 3 along the three steps and 4 after them.
+    # gamma = 0.5, lambda = 0.25, rewards 1; V = 1, 2, 3 along the three steps and 4 after them.
     # Row 0, no cut: deltas 1 + 2/2 - 1 = 1, 1 + 3/2 - 2 = 0.5, 1 + 4/2 - 3 = 0;
-    #   A2 = 0, A1 = 0.5 + 0.25 * 0 = 0.5, A0 = 1 + 0.25 * 0.5 = 1.125.
+    #   A2 = 0, A1 = 0.5 + 0.125 * 0 = 0.5, A0 = 1 + 0.125 * 0.5 = 1.0625.
     # The second step of rows 1 and 2 ends an episode, in a state of value 7; V = 3 is the start
     # of the next one, and nothing flows back from it.
-    # Row 1, terminated: delta1 = 1 - 2 = -1 = A1; A0 = 1 + 0.25 * -1 = 0.75; A2 = 0.
-    # Row 2, truncated: delta1 = 1 + 7/2 - 2 = 2.5 = A1; A0 = 1 + 0.25 * 2.5 = 1.625; A2 = 0.
-    ppo = make_ppo("ppo.gamma=0.5", "ppo.gae_lambda=0.5", critic=first_observation_as_value())
+    # Row 1, terminated: delta1 = 1 - 2 = -1 = A1; A0 = 1 + 0.125 * -1 = 0.875; A2 = 0.
+    # Row 2, truncated: delta1 = 1 + 7/2 - 2 = 2.5 = A1; A0 = 1 + 0.125 * 2.5 = 1.3125; A2 = 0.
+    ppo = make_ppo("ppo.gamma=0.5", "ppo.gae_lambda=0.25", critic=first_observation_as_value())
     value = torch.tensor([[1.0, 2.0, 3.0]] * 3)
     value_after = torch.tensor([[2.0, 3.0, 4.0], [2.0, 7.0, 4.0], [2.0, 7.0, 4.0]])
     terminated, truncated = torch.zeros(2, 3, 3, 1, dtype=torch.bool)
@@ -47,11 +47,12 @@ def test_advantages_at_a_cut_by_hand(make_ppo):
     }
     batch = TensorDict({keys.OBSERVATION: observations(value), "next": after}, [3, 3])
     ppo.estimate_advantages(batch)
-    expected = torch.tensor([[1.125, 0.5, 0.0], [0.75, -1.0, 0.0], [1.625, 2.5, 0.0]])
+    expected = torch.tensor([[1.0625, 0.5, 0.0], [0.875, -1.0, 0.0], [1.3125, 2.5, 0.0]])
     torch.testing.assert_close(batch["value_target"].squeeze(-1), expected + value)
-    # Normalised over all nine: sum 5.5; squares 1.265625 + 0.25 + 0.5625 + 1 + 2.640625 + 6.25.
-    mean = 5.5 / 9
-    deviation = math.sqrt((11.96875 - 9 * mean**2) / 8)
+    # Normalised over all nine: sum 5.25; the squares sum to
+    # 1.12890625 + 0.25 + 0.765625 + 1 + 1.72265625 + 6.25 = 11.1171875.
+    mean = 5.25 / 9
+    deviation = math.sqrt((11.1171875 - 9 * mean**2) / 8)
     torch.testing.assert_close(batch["advantage"].squeeze(-1), (expected - mean) / deviation)
     assert not batch["advantage"].requires_grad
 
