@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tlr_exp.g1 import JOINT_NAMES
-from tlr_exp.motion.ik import LIMIT_MARGIN_RAD, BodySolver, BodyTargets, HandSolver
+from tlr_exp.motion.ik import BodySolver, HandSolver
+from tlr_exp.motion.plan import LIMIT_MARGIN_RAD, BodyTargets
 
 
 @pytest.fixture(scope="module")

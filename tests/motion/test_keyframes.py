@@ -1,6 +1,9 @@
 """From keyframe files to clips: names, paths, cache, and motions of other kinds."""
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -124,6 +127,32 @@ def test_the_cache_is_in_the_home_by_default(robot, short, tmp_path, monkeypatch
 
 def test_same_script_same_bits(robot):
     np.testing.assert_array_equal(build_clip(SHORT, robot).qpos, build_clip(SHORT, robot).qpos)
+
+
+def test_building_a_clip_does_not_load_jax(short, tmp_path):
+    """jax belongs to physics/mjx.py, which must configure it before anything imports it."""
+    code = (
+        "import sys; from tlr_exp.motion.keyframes import load_motion\n"
+        "from tlr_exp.robot import build_robot\n"
+        f"assert load_motion({str(short)!r}, build_robot()).num_frames == 6\n"
+        "print('mink' in sys.modules, 'jax' in sys.modules)"
+    )
+    for expected in ("True False", "False False"):  # built, then read from the cache
+        run = subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert run.stdout.strip() == expected
+
+
+def test_the_example_of_the_documentation_works(robot):
+    text = (Path(__file__).parents[2] / "docs" / "keyframes.md").read_text(encoding="utf-8")
+    example = text.split("```yaml\n")[1].split("```")[0]
+    effort = inverse_dynamics(build_clip(example, robot), robot)
+    assert effort.unmet_force.max() < 1.0
 
 
 WALK = """

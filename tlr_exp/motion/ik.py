@@ -1,46 +1,20 @@
 """Inverse kinematics: joint angles that put the body where the plan wants it (mink, DAQP)."""
 
-from dataclasses import dataclass
-
-import mink
 import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
 from tlr_exp.g1 import FOOT_BODIES, JOINT_NAMES, joint_tables
 from tlr_exp.motion.checks import NUM_QPOS, QPOS_JOINTS, ROOT_QUAT
+from tlr_exp.motion.mink_alone import mink
+from tlr_exp.motion.plan import LIMIT_MARGIN_RAD, BodyTargets
 from tlr_exp.robot import Robot
 
-# Joints keep this far from their limits, so that a controller has room on both sides.
-LIMIT_MARGIN_RAD = 0.05
 _STEP_TOLERANCE = 1e-7  # rad and m; the last step of Newton's method is smaller
 _MAX_STEPS = 40
 _REACH_M = 1e-3  # what a foot or the centre of mass may miss
 _DRAFT_REACH_M = 0.03  # likewise in a draft, whose plan does not yet know the limbs
 _HAND_REACH_M = 0.01
-
-
-@dataclass(frozen=True)
-class BodyTargets:
-    """What inverse kinematics must meet, one row a frame; world frame, metres, wxyz.
-
-    Attributes:
-        times_s: [T].
-        com_xy: [T, 2], centre of mass over the floor.
-        pelvis_height: [T].
-        pelvis_quat: [T, 4].
-        foot_pos: [2, T, 3], origins of the ankle roll links, left and right.
-        foot_quat: [2, T, 4].
-        joint_pos: [T, 23], of which those of waist and arms are taken.
-    """
-
-    times_s: np.ndarray
-    com_xy: np.ndarray
-    pelvis_height: np.ndarray
-    pelvis_quat: np.ndarray
-    foot_pos: np.ndarray
-    foot_quat: np.ndarray
-    joint_pos: np.ndarray
 
 
 class _HeightTask(mink.Task):

@@ -9,6 +9,7 @@ from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,10 +24,12 @@ from tlr_exp.motion.balance import (
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import sole_points
-from tlr_exp.motion.ik import BodySolver, HandSolver
 from tlr_exp.motion.plan import MotionPlan
 from tlr_exp.motion.script import KeyframeError, read_script
 from tlr_exp.robot import Robot
+
+if TYPE_CHECKING:
+    from tlr_exp.motion.ik import BodySolver
 
 # The first pass takes the robot for a point mass below its pelvis; each further one knows from the
 # clip before where the mass is, what swinging limbs add, and where the motion is slow.
@@ -75,6 +78,9 @@ def build_clip(text: str, robot: Robot) -> MotionClip:
     Raises:
         KeyframeError: the text is not understood, or the motion cannot be performed.
     """
+    # Only here: the inverse kinematics takes long to import, and a cached clip needs none.
+    from tlr_exp.motion.ik import BodySolver, HandSolver
+
     script = read_script(text, HandSolver(robot))
     plan, solver = MotionPlan(script, robot), BodySolver(robot)
     mass = _point_mass(plan)
@@ -85,7 +91,7 @@ def build_clip(text: str, robot: Robot) -> MotionClip:
 
 
 def _one_pass(
-    plan: MotionPlan, mass: MassEstimate, solver: BodySolver, robot: Robot, strict: bool
+    plan: MotionPlan, mass: MassEstimate, solver: "BodySolver", robot: Robot, strict: bool
 ) -> MotionClip:
     try:
         plan.fall_freely(mass)

@@ -7,12 +7,13 @@ import numpy as np
 from tlr_exp.g1 import FOOT_BODIES, JOINT_NAMES, NUM_JOINTS
 from tlr_exp.motion.balance import MassEstimate, Support, plan_height
 from tlr_exp.motion.feet import half_planes, hip_offset, sole_points
-from tlr_exp.motion.ik import LIMIT_MARGIN_RAD, BodyTargets
 from tlr_exp.motion.quaternions import from_euler, rotate
 from tlr_exp.motion.script import SIDES, Script
 from tlr_exp.motion.splines import bump, interpolate
 from tlr_exp.robot import Robot
 
+# Joints keep this far from their limits, so that a controller has room on both sides.
+LIMIT_MARGIN_RAD = 0.05
 _NOTHING = 1e-9
 _HANGING_M = 0.04  # a foot this high above the floor need no longer be parallel to it
 
@@ -33,6 +34,29 @@ class FootPath:
     pitch: np.ndarray
     hanging: np.ndarray
     on_floor: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodyTargets:
+    """What inverse kinematics must meet, one row a frame; world frame, metres, wxyz.
+
+    Attributes:
+        times_s: [T].
+        com_xy: [T, 2], centre of mass over the floor.
+        pelvis_height: [T].
+        pelvis_quat: [T, 4].
+        foot_pos: [2, T, 3], origins of the ankle roll links, left and right.
+        foot_quat: [2, T, 4].
+        joint_pos: [T, 23], of which those of waist and arms are taken.
+    """
+
+    times_s: np.ndarray
+    com_xy: np.ndarray
+    pelvis_height: np.ndarray
+    pelvis_quat: np.ndarray
+    foot_pos: np.ndarray
+    foot_quat: np.ndarray
+    joint_pos: np.ndarray
 
 
 class MotionPlan:
