@@ -85,7 +85,7 @@ MakeEnv = Callable[..., TrackingEnv]
 
 @pytest.fixture(scope="session")
 def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Settings]) -> MakeEnv:
-    """``make_env(*overrides, num_envs=4, seed=0, failures=True, training_steps=1000, clip=...)``.
+    """``make_env(*overrides, num_envs=4, seed=0, failures=True, clip=...)``.
 
     A ``TrackingEnv`` on the C engine with the reward terms of the configuration.
     """
@@ -95,7 +95,6 @@ def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Se
         num_envs: int = 4,
         seed: int = 0,
         failures: bool = True,
-        training_steps: int = 1000,
         clip: MotionClip = short_clip,
     ) -> TrackingEnv:
         settings = settings_of(*overrides)
@@ -107,7 +106,6 @@ def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Se
             robot=robot,
             terms={name: reward.parameters.get(name, {}) for name in names},
             settings=settings.env,
-            training_steps=training_steps,
             seed=seed,
             failures=failures,
         )

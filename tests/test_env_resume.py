@@ -48,8 +48,8 @@ def make(make_env):
             "env.termination.tighten_above_steps=5",
             "env.termination.loosen_below_steps=1",
             *overrides,
+            "env.termination.tighten_rate=0.01",
             seed=seed,
-            training_steps=500,
         )
 
     return build

@@ -30,7 +30,6 @@ def playing(robot, short_clip, settings_of):
         ahead: int | None = None,
         failures: bool = True,
         terms: tuple[str, ...] = GOAL,
-        training_steps: int = 10_000,
     ) -> TrackingEnv:
         settings = settings_of(*overrides).env
         reference = Reference(short_clip)
@@ -40,7 +39,6 @@ def playing(robot, short_clip, settings_of):
             robot,
             {name: dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1) for name in terms},
             settings,
-            training_steps=training_steps,
             seed=0,
             failures=failures,
         )
@@ -187,15 +185,14 @@ def test_an_evaluation_goes_on_after_failures(playing):
 
 
 def test_the_distance_limit_tightens_while_episodes_are_long(playing):
-    # From 1.6 to 0.4 m in 2 of 4 control steps: two halvings, once episodes of 39 steps end.
+    # Each control step with a mean above 38 halves the limit.
     env = playing(
         "env.start_phase=zero",
         "env.termination.distance_start_m=1.6",
         "env.termination.distance_end_m=0.4",
-        "env.termination.tighten_share=0.5",
+        "env.termination.tighten_rate=0.5",
         "env.termination.tighten_above_steps=38",
         "env.termination.loosen_below_steps=10",
-        training_steps=4,
     )
     env.reset()
     env.physics.shift_m[1] = torch.tensor([0.0, 1.0, 0.0])

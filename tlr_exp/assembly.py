@@ -87,7 +87,6 @@ def _build_env(
         robot=robot,
         terms={name: reward.parameters.get(name, {}) for name in build_split(settings).term_names},
         settings=env_settings,
-        training_steps=settings.scale.iterations * settings.ppo.num_steps,
         seed=Seeds.of(settings.seed).env,
         failures=failures,
     )

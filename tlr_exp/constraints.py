@@ -70,7 +70,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "env.termination.max_tilt": within(0, 1),
     "env.termination.distance_start_m": above(0),
     "env.termination.distance_end_m": above(0),
-    "env.termination.tighten_share": within(0, 1),
+    "env.termination.tighten_rate": within(0, 1),
     "env.termination.tighten_above_steps": at_least(0),
     "env.termination.loosen_below_steps": at_least(0),
     "physics.num_threads": at_least(0),

@@ -44,7 +44,6 @@ class TrackingEnv(EnvBase):
         robot: tables of the joints (default pose, limits, action scale).
         terms: names of the reward terms and the constants that each takes.
         settings: observation, action, starts and ends of episodes.
-        training_steps: control steps that each environment takes in the whole training.
         seed: of the environment's own generator.
         failures: whether an episode can end by a failure (evaluations let it go on).
 
@@ -59,7 +58,6 @@ class TrackingEnv(EnvBase):
         robot: Robot,
         terms: Mapping[str, Mapping[str, float]],
         settings: EnvSettings,
-        training_steps: int,
         seed: int,
         failures: bool = True,
     ) -> None:
@@ -82,9 +80,7 @@ class TrackingEnv(EnvBase):
             tensor(robot.velocity_limit_rad_s),
             tensor(robot.effort_limit_nm),
         )
-        self.distance = TighteningDistance(
-            settings.termination, training_steps, physics.num_envs, self.device
-        )
+        self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()

@@ -16,15 +16,15 @@ class TerminationSettings:
         max_tilt: largest |x| or |y| component of the projected gravity (1 = lying down).
         distance_start_m: largest distance of a tracked body from its reference, at first.
         distance_end_m: the same once it has tightened.
-        tighten_share: share of the training after which the limit can have reached its end.
-        tighten_above_steps: the limit tightens while the mean episode is longer than this.
+        tighten_rate: share by which the limit changes in one control step.
+        tighten_above_steps: it shrinks while the mean episode is longer than this.
         loosen_below_steps: it grows back while the mean episode is shorter than this.
     """
 
     max_tilt: float
     distance_start_m: float
     distance_end_m: float
-    tighten_share: float
+    tighten_rate: float
     tighten_above_steps: float
     loosen_below_steps: float
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell, tighten_rate
+from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
 from tlr_exp.settings import TerminationSettings
 
 CPU = torch.device("cpu")
@@ -19,7 +19,7 @@ def limits(**changes: float) -> TerminationSettings:
         "max_tilt": 0.8,
         "distance_start_m": 1.6,
         "distance_end_m": 0.4,
-        "tighten_share": 0.5,
+        "tighten_rate": 0.5,
         "tighten_above_steps": 42.0,
         "loosen_below_steps": 40.0,
     }
@@ -67,15 +67,8 @@ def finish(distance: TighteningDistance, *lengths: float) -> None:
     distance.update(steps, steps > 0)
 
 
-def test_rate_by_hand():
-    # From 1.6 to 0.4 in 0.5 * 4 = 2 steps: each halves the limit.
-    assert tighten_rate(limits(), training_steps=4) == pytest.approx(0.5)
-    # At once, where the share is 0: a quarter of the limit is left.
-    assert tighten_rate(limits(tighten_share=0.0), training_steps=4) == pytest.approx(0.75)
-
-
 def test_mean_episode_length_by_hand():
-    distance = TighteningDistance(limits(), 1000, num_envs=4, device=CPU)
+    distance = TighteningDistance(limits(), num_envs=4, device=CPU)
     # Two of four end, 20 steps on average: 0 + (20 - 0) * 2/4 = 10.
     finish(distance, 10, 0, 30, 0)
     assert distance.mean_length.item() == 10.0
@@ -89,25 +82,32 @@ def test_mean_episode_length_by_hand():
     assert distance.mean_length.item() == 2.0
 
 
-@pytest.mark.parametrize("training_steps", [100, 60000])
-def test_limit_reaches_its_end_after_its_share_of_a_training_with_long_episodes(training_steps):
-    distance = TighteningDistance(limits(tighten_share=0.2), training_steps, num_envs=1, device=CPU)
-    descent = training_steps // 5
+def test_limit_descends_by_its_rate_with_long_episodes_and_stays_at_its_end():
+    # (1 - 0.01)^138 = 0.2498: from 1.6 m to just below a quarter of it in 138 steps.
+    distance = TighteningDistance(limits(tighten_rate=0.01), num_envs=1, device=CPU)
     values = []
-    for _ in range(descent):
+    for _ in range(138):
         finish(distance, 100)
         values.append(distance.value_m.item())
-    # Half way, in logarithms, is 0.8; then 0.4.
-    assert values[descent // 2 - 1] == pytest.approx(0.8, rel=2e-3)
-    assert values[-1] == pytest.approx(0.4, rel=2e-3)
+    assert values[0] == pytest.approx(1.584)
+    # (1 - 0.01)^69 = 0.4998: half way.
+    assert values[68] == pytest.approx(0.8, rel=2e-3)
     assert values == sorted(values, reverse=True)
-    for _ in range(10):
-        finish(distance, 100)
+    assert values[-1] == pytest.approx(0.4)
+    finish(distance, 100)
     assert distance.value_m.item() == pytest.approx(0.4)
 
 
+def test_asaps_rate_reaches_the_end_after_64000_steps(settings_of):
+    termination = settings_of().env.termination
+    steps = math.log(termination.distance_end_m / termination.distance_start_m) / math.log1p(
+        -termination.tighten_rate
+    )
+    assert round(steps, -3) == 64_000
+
+
 def test_limit_stays_at_its_start_while_episodes_are_short():
-    distance = TighteningDistance(limits(), 100, num_envs=1, device=CPU)
+    distance = TighteningDistance(limits(), num_envs=1, device=CPU)
     for _ in range(5):
         finish(distance, 12)
         assert distance.value_m.item() == pytest.approx(1.6)
@@ -115,7 +115,7 @@ def test_limit_stays_at_its_start_while_episodes_are_short():
 
 def test_limit_grows_back_when_episodes_become_short_and_rests_in_between():
     # Each step down halves the limit, each step up takes it by 1 + 0.5.
-    distance = TighteningDistance(limits(), 4, num_envs=1, device=CPU)
+    distance = TighteningDistance(limits(), num_envs=1, device=CPU)
     expected = [(50, 0.8), (41, 0.8), (40, 0.8), (42, 0.8), (39, 1.2), (39, 1.6), (43, 0.8)]
     for length, value in expected:
         finish(distance, length)
@@ -124,14 +124,14 @@ def test_limit_grows_back_when_episodes_become_short_and_rests_in_between():
 
 @given(st.lists(st.integers(1, 100), min_size=1, max_size=30))
 def test_limit_never_leaves_its_bounds(lengths):
-    distance = TighteningDistance(limits(), 10, num_envs=1, device=CPU)
+    distance = TighteningDistance(limits(), num_envs=1, device=CPU)
     for length in lengths:
         finish(distance, length)
         assert 0.4 - 1e-6 <= distance.value_m.item() <= 1.6 + 1e-6
 
 
 def test_saved_limit_goes_on_bit_for_bit_and_later_steps_leave_it():
-    distance, other = (TighteningDistance(limits(), 70, 3, CPU) for _ in range(2))
+    distance, other = (TighteningDistance(limits(), 3, CPU) for _ in range(2))
     generator = torch.Generator().manual_seed(0)
 
     def advance(*targets: TighteningDistance) -> None:

@@ -23,16 +23,6 @@ def far_from_reference(
     return squared > max_distance_m**2
 
 
-def tighten_rate(settings: TerminationSettings, training_steps: int) -> float:
-    """Share by which the distance limit shrinks in one control step.
-
-    So chosen that an uninterrupted descent from start to end takes ``tighten_share`` of the
-    ``training_steps`` control steps of one environment.
-    """
-    descent = settings.distance_end_m / settings.distance_start_m
-    return 1.0 - descent ** (1.0 / max(1.0, settings.tighten_share * training_steps))
-
-
 class TighteningDistance:
     """The distance limit of an episode, tightened as episodes get longer (ASAP's curriculum).
 
@@ -43,12 +33,10 @@ class TighteningDistance:
     def __init__(
         self,
         settings: TerminationSettings,
-        training_steps: int,
         num_envs: int,
         device: torch.device,
     ) -> None:
         self.settings = settings
-        self.rate = tighten_rate(settings, training_steps)
         self.num_envs = num_envs
         self.value_m = torch.tensor(settings.distance_start_m, device=device)
         self.mean_length = torch.tensor(0.0, device=device)
@@ -61,7 +49,7 @@ class TighteningDistance:
         self.mean_length = self.mean_length + (mean - self.mean_length) * count / self.num_envs
         tighten = self.mean_length > settings.tighten_above_steps
         loosen = self.mean_length < settings.loosen_below_steps
-        factor = 1.0 + self.rate * (loosen.float() - tighten.float())
+        factor = 1.0 + settings.tighten_rate * (loosen.float() - tighten.float())
         self.value_m = (self.value_m * factor).clamp(
             settings.distance_end_m, settings.distance_start_m
         )
