@@ -1,5 +1,6 @@
 """The pure pieces that the engines share."""
 
+import numpy as np
 import pytest
 import torch
 
@@ -14,19 +15,22 @@ from tlr_exp.physics.state import (
 def test_twist_of_a_body_on_a_turning_arm_by_hand() -> None:
     # A tree turns at 2 rad/s about z through its centre of mass at (1, 0, 0), which moves at
     # 0.5 m/s along y. The body's origin lies 3 m further along x: 2 rad/s x 3 m = 6 m/s along y.
-    cvel = torch.tensor([[[0.0, 0.0, 2.0, 0.0, 0.5, 0.0]]])
-    position = torch.tensor([[[4.0, 0.0, 0.0]]])
-    linear, angular = body_twist(cvel, position, torch.tensor([[[1.0, 0.0, 0.0]]]))
+    cvel = np.array([[[0.0, 0.0, 2.0, 0.0, 0.5, 0.0]]])
+    position = np.array([[[4.0, 0.0, 0.0]]])
+    linear, angular = body_twist(cvel, position, np.array([[1.0, 0.0, 0.0]]))
     assert linear.tolist() == [[[0.0, 6.5, 0.0]]]
     assert angular.tolist() == [[[0.0, 0.0, 2.0]]]
 
 
-def test_twist_at_the_centre_of_mass_is_the_tree_s_own() -> None:
-    cvel = torch.arange(6.0).reshape(1, 1, 6)
-    com = torch.tensor([[[0.3, -0.2, 0.9]]])
-    linear, angular = body_twist(cvel, com, com)
-    assert torch.equal(linear[0, 0], torch.tensor([3.0, 4.0, 5.0]))
-    assert torch.equal(angular[0, 0], torch.tensor([0.0, 1.0, 2.0]))
+def test_twist_is_that_of_a_rigid_body() -> None:
+    """Each robot's twist is taken about its own centre of mass, as NumPy's cross product has it."""
+    generator = np.random.default_rng(0)
+    cvel, position = generator.normal(size=(4, 5, 6)), generator.normal(size=(4, 5, 3))
+    com = generator.normal(size=(4, 3))
+    linear, angular = body_twist(cvel, position, com)
+    expected = cvel[..., 3:] + np.cross(cvel[..., :3], position - com[:, None])
+    np.testing.assert_allclose(linear, expected, atol=1e-5)
+    np.testing.assert_allclose(angular, cvel[..., :3], atol=1e-6)
 
 
 def test_joint_target_of_the_wrong_shape_is_refused() -> None:

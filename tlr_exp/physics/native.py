@@ -4,6 +4,7 @@ import copy
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,8 +21,6 @@ from tlr_exp.physics.state import (
     check_saved_state,
 )
 from tlr_exp.robot import Robot
-
-_OUTPUTS = ("xpos", "xquat", "cvel", "subtree_com", "actuator_force", "sensordata")
 
 _INSTABILITY = ("Nan, Inf or huge value", "Inertia matrix is too close to singular")
 
@@ -60,75 +59,70 @@ class NativePhysics:
         # persistent: the kinematics of the new state, computed for the state that is returned,
         # are the first part of the next step and cost nothing.
         self._batch = Batch(model, num_envs, num_threads, persistent=True)
-        self._body_ids = torch.from_numpy(robot.body_ids.astype(np.int64))
-        self._root_id = int(robot.body_ids[PELVIS])
-        self._foot_address = model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0]
-        self._qpos = torch.from_numpy(self._batch.bind("qpos"))
-        self._qvel = torch.from_numpy(self._batch.bind("qvel"))
-        self._ctrl = torch.from_numpy(self._batch.bind("ctrl"))
-        self._out = {name: _read_only_view(self._batch.bind(name)) for name in _OUTPUTS}
-        self._joint_torque = torch.zeros(num_envs, model.nu)
-        self._foot_force = torch.zeros(num_envs, len(FOOT_BODIES), 3)
+        self._qpos = self._batch.bind("qpos")
+        self._qvel = self._batch.bind("qvel")
+        self._ctrl = self._batch.bind("ctrl")
+        self._actuator_force = self._batch.bind("actuator_force")
+        foot_address = model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0]
+        self._sensed_force = self._batch.bind("sensordata")[:, foot_address : foot_address + 6]
+        self._bodies = _BodyReader(self._batch, robot)
+        self._joint_torque = np.zeros((num_envs, model.nu), np.float32)
+        self._foot_force = np.zeros((num_envs, len(FOOT_BODIES), 3), np.float32)
         self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step; see ``Physics.step``."""
         check_joint_target(joint_target, self.num_envs)
-        self._ctrl.copy_(joint_target)
+        self._ctrl[:] = joint_target.detach().cpu().numpy()
         try:
             with _engine_warnings():
                 self._batch.step(nstep=DECIMATION, stage=mujoco.mjtStage.mjSTAGE_VEL)
         except SimulationError as error:
             # The engine refused these and left them where they were; the others went on. To
             # return the old state as if it were the new one would hide it.
-            self._qpos[error.ids] = torch.nan
-            self._qvel[error.ids] = torch.nan
+            self._qpos[error.ids] = np.nan
+            self._qvel[error.ids] = np.nan
             warnings.warn(str(error), RuntimeWarning, stacklevel=2)
-        self._joint_torque = self._out["actuator_force"].float()
-        feet = self._out["sensordata"][:, self._foot_address : self._foot_address + 6]
-        self._foot_force = feet.reshape(self.num_envs, len(FOOT_BODIES), 3).float()
+        self._joint_torque = self._actuator_force.astype(np.float32)
+        self._foot_force = self._sensed_force.astype(np.float32).reshape(-1, len(FOOT_BODIES), 3)
         return self.state()
 
     def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Reset some environments; see ``Physics.set_state``."""
         check_reset(env_ids, qpos, qvel, self.num_envs)
-        env_ids, order = env_ids.cpu().sort()
-        ids = env_ids.numpy()
+        ids = env_ids.cpu().numpy()
+        order = ids.argsort()
+        ids = ids[order]
         # reset discards what was written before it, so the new state is written after it.
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._qpos[env_ids] = qpos.cpu()[order].double()
-        self._qvel[env_ids] = qvel.cpu()[order].double()
+        self._qpos[ids] = qpos.cpu().numpy()[order]
+        self._qvel[ids] = qvel.cpu().numpy()[order]
         with _engine_warnings():
             self._batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        # Not in place: a state that was returned earlier holds these tensors.
-        self._joint_torque = self._joint_torque.index_fill(0, env_ids, 0.0)
-        self._foot_force = self._foot_force.index_fill(0, env_ids, 0.0)
+        # Copies: a state that was returned earlier shares memory with the old arrays.
+        self._joint_torque, self._foot_force = self._joint_torque.copy(), self._foot_force.copy()
+        self._joint_torque[ids] = 0
+        self._foot_force[ids] = 0
 
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""
-        position = self._out["xpos"].index_select(1, self._body_ids)
-        velocity = self._out["cvel"].index_select(1, self._body_ids)
-        root_com = self._out["subtree_com"][:, self._root_id, None]
-        linear, angular = body_twist(velocity, position, root_com)
-        state = PhysicsState(
-            qpos=self._qpos.float(),
-            qvel=self._qvel.float(),
-            body_pos_w=position.float(),
-            body_quat_w=self._out["xquat"].index_select(1, self._body_ids).float(),
-            body_lin_vel_w=linear.float(),
-            body_ang_vel_w=angular.float(),
-            joint_torque=self._joint_torque,
-            foot_contact_force=self._foot_force,
-            batch_size=[self.num_envs],
-        )
+        arrays = {
+            "qpos": self._qpos.astype(np.float32),
+            "qvel": self._qvel.astype(np.float32),
+            **self._bodies.read(),
+            "joint_torque": self._joint_torque,
+            "foot_contact_force": self._foot_force,
+        }
+        tensors: dict[str, Any] = {k: torch.from_numpy(v) for k, v in arrays.items()}
+        state = PhysicsState(**tensors, batch_size=[self.num_envs])
         return state if self.device.type == "cpu" else state.to(self.device)
 
     def state_dict(self) -> dict[str, Tensor]:
         """MuJoCo's integration state (float64) and the outputs of the last physics step."""
         return {
             "integration_state": torch.from_numpy(self._batch.state.copy()),
-            "joint_torque": self._joint_torque.clone(),
-            "foot_contact_force": self._foot_force.clone(),
+            "joint_torque": torch.from_numpy(self._joint_torque.copy()),
+            "foot_contact_force": torch.from_numpy(self._foot_force.copy()),
         }
 
     def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:
@@ -137,8 +131,39 @@ class NativePhysics:
         self._batch.state[...] = state_dict["integration_state"].cpu().numpy()
         with _engine_warnings():
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
-        self._joint_torque = state_dict["joint_torque"].cpu().clone()
-        self._foot_force = state_dict["foot_contact_force"].cpu().clone()
+        self._joint_torque = state_dict["joint_torque"].cpu().clone().numpy()
+        self._foot_force = state_dict["foot_contact_force"].cpu().clone().numpy()
+
+
+class _BodyReader:
+    """Poses and twists of the tracked bodies, from the engine's float64 to float32.
+
+    In NumPy and in blocks that fit the cache: torch would split this work among its threads,
+    which on a busy machine wait for one another many times longer than the work takes.
+    """
+
+    BLOCK = 512
+
+    def __init__(self, batch: Batch, robot: Robot) -> None:
+        self._xpos, self._xquat = batch.bind("xpos"), batch.bind("xquat")
+        self._cvel, self._com = batch.bind("cvel"), batch.bind("subtree_com")
+        self._ids = robot.body_ids
+        self._root_id = robot.body_ids[PELVIS]
+
+    def read(self) -> dict[str, np.ndarray]:
+        """``PhysicsState``'s body fields, fresh float32 arrays."""
+        count, bodies = len(self._xpos), len(self._ids)
+        widths = {"body_pos_w": 3, "body_quat_w": 4, "body_lin_vel_w": 3, "body_ang_vel_w": 3}
+        out = {k: np.empty((count, bodies, width), np.float32) for k, width in widths.items()}
+        for start in range(0, count, self.BLOCK):
+            rows = slice(start, start + self.BLOCK)
+            position = self._xpos[rows].take(self._ids, axis=1)
+            out["body_pos_w"][rows] = position
+            out["body_quat_w"][rows] = self._xquat[rows].take(self._ids, axis=1)
+            twist = self._cvel[rows].take(self._ids, axis=1)
+            linear, angular = body_twist(twist, position, self._com[rows, self._root_id])
+            out["body_lin_vel_w"][rows], out["body_ang_vel_w"][rows] = linear, angular
+        return out
 
 
 @contextmanager
@@ -157,10 +182,3 @@ def _engine_warnings() -> Iterator[None]:
     for message in dict.fromkeys(messages):
         if not message.startswith(_INSTABILITY):
             warnings.warn(f"MuJoCo: {message}", RuntimeWarning, stacklevel=4)
-
-
-def _read_only_view(array: np.ndarray) -> Tensor:
-    """A tensor on the engine's output, which every call overwrites; nothing here writes to it."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="The given NumPy array is not writable")
-        return torch.from_numpy(array)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import torch
 from tensordict import TensorClass
 from torch import Tensor
@@ -33,22 +34,42 @@ class PhysicsState(TensorClass):
     foot_contact_force: Tensor  # [num_envs, 2, 3] N, net force on the left and the right foot
 
 
-def body_twist(cvel: Tensor, body_pos: Tensor, root_com: Tensor) -> tuple[Tensor, Tensor]:
+def body_twist(
+    cvel: np.ndarray, body_pos: np.ndarray, root_com: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """World-frame linear and angular velocity of bodies at their own origins.
 
     MuJoCo's ``cvel`` is a twist about the centre of mass c of the whole kinematic tree, so the
     velocity of a body's origin p is v_p = v_c + w x (p - c).
 
     Args:
-        cvel: [..., bodies, 6], angular (rad/s) before linear (m/s), as in MuJoCo.
-        body_pos: [..., bodies, 3], origins of the bodies, m.
-        root_com: [..., 1, 3], ``subtree_com`` of the tree's root, m.
+        cvel: [n, bodies, 6], angular (rad/s) before linear (m/s), as in MuJoCo.
+        body_pos: [n, bodies, 3], origins of the bodies, m.
+        root_com: [n, 3], ``subtree_com`` of the tree's root, m.
 
     Returns:
-        Linear velocity (m/s) and angular velocity (rad/s), each [..., bodies, 3].
+        Linear velocity (m/s) and angular velocity (rad/s), each [n, bodies, 3], float32.
     """
-    angular, linear = cvel[..., :3], cvel[..., 3:]
-    return linear + torch.linalg.cross(angular, body_pos - root_com), angular
+    count, bodies, _ = cvel.shape
+    # Components first: six passes over contiguous memory. p - c is taken in full precision.
+    twist = np.empty((6, count, bodies), np.float32)
+    np.copyto(twist, cvel.transpose(2, 0, 1), casting="same_kind")
+    arm = np.empty((3, count, bodies), np.float32)
+    centre = root_com.T[:, :, None]
+    np.subtract(body_pos.transpose(2, 0, 1), centre, out=arm, casting="same_kind")
+    linear = np.empty((count, bodies, 3), np.float32)
+    angular = np.empty((count, bodies, 3), np.float32)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        linear[..., i] = twist[3 + i] + twist[j] * arm[k] - twist[k] * arm[j]
+        angular[..., i] = twist[i]
+    return linear, angular
+
+
+def is_finite(value: Tensor) -> bool:
+    """Whether all elements are finite; on the CPU without torch's threads (see ``native``)."""
+    if value.device.type == "cpu":
+        return bool(np.isfinite(value.detach().numpy()).all())
+    return bool(torch.isfinite(value).all())
 
 
 def check_joint_target(joint_target: Tensor, num_envs: int) -> None:
@@ -63,7 +84,7 @@ def check_joint_target(joint_target: Tensor, num_envs: int) -> None:
             f"joint_target has the shape {list(joint_target.shape)}; "
             f"expected [{num_envs}, {NUM_JOINTS}]"
         )
-    if not torch.isfinite(joint_target).all():
+    if not is_finite(joint_target):
         bad = torch.nonzero(~torch.isfinite(joint_target).all(dim=1)).flatten()
         raise ValueError(
             f"joint_target is not finite in {len(bad)} of {num_envs} environments: "
@@ -92,7 +113,7 @@ def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> N
                 f"{name} has the shape {list(value.shape)}; expected [{count}, {width}] "
                 "for the environments to reset"
             )
-        if not torch.isfinite(value).all():
+        if not is_finite(value):
             raise ValueError(f"{name} holds values that are not finite; a reset needs finite ones")
     if count == 0:
         return
