@@ -113,3 +113,15 @@ def test_file_that_is_no_mjcf_is_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(ValueError, match=r"env\.robot\.mjcf: MuJoCo cannot read .*broken\.xml"):
         build_robot(path)
+
+
+def test_a_second_free_body_is_refused_because_qpos_would_not_be_the_robot_alone(
+    write_variant: Callable[..., Path],
+) -> None:
+    def with_ball(spec: mujoco.MjSpec) -> None:
+        ball = spec.worldbody.add_body(name="ball", pos=(2.0, 0.0, 0.1))
+        ball.add_freejoint()
+        ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(0.1, 0.0, 0.0))
+
+    with pytest.raises(ValueError, match=r"in the order left_hip_pitch_joint.*nq = 37"):
+        build_robot(write_variant(with_ball))

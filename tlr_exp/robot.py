@@ -96,6 +96,7 @@ def build_robot(
         if spec.body(name) is None:
             spec.body(parent).add_body(name=name, pos=offset)
     model = spec.compile()
+    _check_order(model)
     return Robot(
         model=model,
         gains=gains,
@@ -138,6 +139,16 @@ def _check_present(path: Path, kind: str, needed: tuple[str, ...], present: list
         raise ValueError(
             f"env.robot.mjcf: {path} is not a 23-joint G1: it lacks the {kind} "
             f"{', '.join(missing)}; it has {', '.join(name for name in present if name)}"
+        )
+
+
+def _check_order(model: mujoco.MjModel) -> None:
+    """Refuse a model whose qpos is not the pelvis followed by the 23 joints in our order."""
+    order = [model.joint(i).name for i in range(1, model.njnt)]
+    if model.nq != 7 + len(JOINT_NAMES) or order != list(JOINT_NAMES):
+        raise ValueError(
+            "env.robot.mjcf: the joints must follow the free joint of the pelvis in the order "
+            f"{', '.join(JOINT_NAMES)}; the model has {', '.join(order)} (nq = {model.nq})"
         )
 
 
