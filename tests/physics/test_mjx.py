@@ -165,7 +165,7 @@ def test_missing_warp_names_the_extra_to_install(robot, monkeypatch) -> None:
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
 def test_missing_cuda_is_refused(robot) -> None:
-    with pytest.raises(ValueError, match=r"device is cuda, but JAX finds no such device"):
+    with pytest.raises(ValueError, match=r"device is cuda:0, but JAX finds no such device"):
         MjxPhysics(robot, 1, device="cuda")
 
 

@@ -74,7 +74,9 @@ class MjxPhysics:
         self.num_envs = num_envs
         self.control_dt = CONTROL_DT_S
         default = "cuda" if torch.cuda.is_available() else "cpu"
-        self.device = torch.device(default if device is None else device)
+        device = torch.device(default if device is None else device)
+        # With its number, as the tensors have it.
+        self.device = torch.device("cuda", device.index or 0) if device.type == "cuda" else device
         _configure_jax(self.device)
         with jax.default_device(_find_jax_device(self.device)):
             room = {"naconmax": num_envs * max_contacts, "njmax": max_constraints}
