@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -98,6 +99,21 @@ def test_a_robot_bolted_to_the_world_is_refused(write_variant: Callable[..., Pat
 
     with pytest.raises(ValueError, match=r"the pelvis .* has no free joint"):
         build_robot(write_variant(bolt))
+
+
+def test_joints_in_another_order_are_refused(write_variant: Callable[..., Path]) -> None:
+    """Joint angles are told apart by their place alone, so another order would go unnoticed."""
+    path = write_variant()
+    root = ElementTree.parse(path).getroot()
+    pelvis = next(body for body in root.iter("body") if body.get("name") == "pelvis")
+    limbs = pelvis.findall("body")
+    for limb in limbs:
+        pelvis.remove(limb)
+    pelvis.extend(reversed(limbs))
+    path.write_text(ElementTree.tostring(root, encoding="unicode"))
+    message = r"order left_hip_pitch_joint, .*; the model has waist_yaw_joint, .* \(nq = 30\)"
+    with pytest.raises(ValueError, match=message):
+        build_robot(path)
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:
