@@ -75,3 +75,20 @@ def test_the_last_iteration_is_evaluated_and_kept_as_best(training):
     error = 0.5 * (last["eval/upper_body_error_m"] + last["eval/lower_body_error_m"])
     assert error > 0
     assert training.store.best() == training.store.path_of(3)
+
+
+def test_one_seed_gives_the_same_bits_twice_and_another_seed_others(
+    tmp_path, settings_of, short_clip_path
+):
+    def trained(name, seed):
+        settings = settings_of(*TINY, f"env.motion={short_clip_path}", f"seed={seed}")
+        run = RunDirectory.create(tmp_path / name, {"seed": seed}, {})
+        training = Training(settings, run)
+        training.train()
+        lines = [{k: v for k, v in m.items() if "time" not in k} for m in run.metrics()]
+        return repr(lines), training.trainer.ppo.actor.state_dict()
+
+    first, second, other = trained("a", 3), trained("b", 3), trained("c", 4)
+    assert first[0] == second[0]
+    assert all(torch.equal(first[1][name], second[1][name]) for name in first[1])
+    assert first[0] != other[0]

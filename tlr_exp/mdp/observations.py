@@ -6,7 +6,12 @@ Joint positions are taken relative to the default pose; scales are those of ASAP
 from torch import Tensor, cat
 
 from tlr_exp import g1
-from tlr_exp.mdp.rotations import projected_gravity, rotate_inverse, rotation_matrix
+from tlr_exp.mdp.rotations import (
+    into_frame,
+    projected_gravity,
+    rotate_inverse,
+    rotation_matrix,
+)
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 
@@ -66,7 +71,7 @@ def reference_observation(
             state.qvel[:, 6:] * JOINT_VEL_SCALE,
             action,
             _seen_from_pelvis(reference.body_pos_w, state, to_base),
-            (reference.body_lin_vel_w @ to_base).flatten(1),
+            into_frame(reference.body_lin_vel_w, to_base).flatten(1),
         ),
         dim=-1,
     )
@@ -83,15 +88,12 @@ def privileged_observation(state: PhysicsState, reference: ReferenceFrame) -> Te
         (
             rotate_inverse(state.qpos[:, 3:7], state.qvel[:, :3]) * LIN_VEL_SCALE,
             _seen_from_pelvis(reference.body_pos_w, state, to_base),
-            ((reference.body_pos_w - state.body_pos_w) @ to_base).flatten(1),
+            into_frame(reference.body_pos_w - state.body_pos_w, to_base).flatten(1),
         ),
         dim=-1,
     )
 
 
 def _seen_from_pelvis(points_w: Tensor, state: PhysicsState, to_base: Tensor) -> Tensor:
-    """World points [n, k, 3] relative to the pelvis and in its frame, [n, 3 k].
-
-    Row vectors times a rotation matrix are the vectors rotated by its inverse.
-    """
-    return ((points_w - state.qpos[:, None, :3]) @ to_base).flatten(1)
+    """World points [n, k, 3] relative to the pelvis and in its frame, [n, 3 k]."""
+    return into_frame(points_w - state.qpos[:, None, :3], to_base).flatten(1)

@@ -62,6 +62,17 @@ def rotation_matrix(quat_wxyz: Tensor) -> Tensor:
     return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 
 
+def into_frame(vectors: Tensor, matrix: Tensor) -> Tensor:
+    """Express world-frame ``vectors`` [n, k, 3] in the frame of rotation ``matrix`` [n, 3, 3].
+
+    Row vectors times the matrix. Written out, because a batched product of matrices this small
+    takes several times as long.
+    """
+    x, y, z = vectors.unsqueeze(-1).unbind(-2)
+    rows = matrix.unsqueeze(1)
+    return x * rows[..., 0, :] + y * rows[..., 1, :] + z * rows[..., 2, :]
+
+
 def from_rotation_vector(rotation_vector: Tensor) -> Tensor:
     """Unit quaternion [..., 4] of a rotation vector [..., 3] in rad."""
     half = 0.5 * rotation_vector.norm(dim=-1, keepdim=True)
