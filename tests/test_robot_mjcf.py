@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tlr_exp import g1
-from tlr_exp.robot import Robot, build_robot, menagerie_scene
+from tlr_exp.robot import Robot, build_robot, load_spec, menagerie_scene
 
 
 @pytest.fixture(scope="module")
@@ -114,6 +114,24 @@ def test_joints_in_another_order_are_refused(write_variant: Callable[..., Path])
     message = r"order left_hip_pitch_joint, .*; the model has waist_yaw_joint, .* \(nq = 30\)"
     with pytest.raises(ValueError, match=message):
         build_robot(path)
+
+
+def test_mesh_that_gives_a_link_its_inertia_is_kept(tmp_path: Path) -> None:
+    spec = load_spec()
+    spec.meshdir = str(menagerie_scene().parent / "assets")
+    spec.body("torso_link").explicitinertial = False
+    path = tmp_path / "own.xml"
+    expected = spec.compile().body("torso_link").mass
+    path.write_text(spec.to_xml())
+    found = build_robot(path).model.body("torso_link").mass
+    np.testing.assert_allclose(found, expected)
+
+
+def test_model_that_does_not_compile_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "own.xml"
+    path.write_text(load_spec().to_xml())  # without the folder of its meshes
+    with pytest.raises(ValueError, match=r"env\.robot\.mjcf: MuJoCo cannot compile .*own\.xml"):
+        build_robot(path, visuals=True)
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:

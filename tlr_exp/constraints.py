@@ -75,6 +75,8 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "env.termination.loosen_below_steps": at_least(0),
     "physics.num_threads": at_least(0),
     "physics.impl": one_of(("jax", "warp")),
+    "physics.max_contacts": at_least(1),
+    "physics.max_constraints": at_least(1),
     "reward.objective.threshold_share": inside(0, 1),
     "optimizer.pack_size": at_least(3),
     "optimizer.iterations": at_least(1),

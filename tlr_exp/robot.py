@@ -95,7 +95,10 @@ def build_robot(
     for name, (parent, offset) in EXTENDED_BODIES.items():
         if spec.body(name) is None:
             spec.body(parent).add_body(name=name, pos=offset)
-    model = spec.compile()
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ValueError(f"env.robot.mjcf: MuJoCo cannot compile {mjcf}: {error}") from error
     _check_order(model)
     return Robot(
         model=model,
@@ -159,12 +162,20 @@ def _set_options(spec: mujoco.MjSpec) -> None:
 
 
 def _delete_meshes(spec: mujoco.MjSpec) -> None:
-    # Every link states its inertia, so the meshes carry nothing that physics needs.
+    """Delete the meshes that physics does not need: no contacts and no inertia come from them."""
+    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    kept = set()
     for geom in spec.geoms:
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        if geom.type != mujoco.mjtGeom.mjGEOM_MESH:
+            continue
+        collides = geom.contype or geom.conaffinity or geom.name in paired
+        if collides or not geom.parent.explicitinertial:
+            kept.add(geom.meshname)
+        else:
             spec.delete(geom)
     for mesh in spec.meshes:
-        spec.delete(mesh)
+        if mesh.name not in kept:
+            spec.delete(mesh)
 
 
 def _fix_other_joints(spec: mujoco.MjSpec) -> None:
