@@ -7,10 +7,9 @@ import pytest
 import torch
 from hydra import compose, initialize_config_module
 from tensordict.nn import TensorDictModule
-from torchrl.collectors import Collector
 
 from tlr_exp import keys
-from tlr_exp.assembly import build_clip, build_env, build_robot_of
+from tlr_exp.assembly import build_clip, build_collect, build_env, build_robot_of
 from tlr_exp.config import load_settings
 from tlr_exp.g1 import DECIMATION, NUM_JOINTS
 from tlr_exp.physics.native import NativePhysics
@@ -35,23 +34,15 @@ def test_environment_against_bare_physics(num_envs, benchmark):
     generator = torch.Generator().manual_seed(0)
     action = 0.3 * torch.randn(num_envs, NUM_JOINTS, generator=generator)
     policy = TensorDictModule(lambda _: action, in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION])
-    collector = Collector(
-        env,
-        policy,
-        frames_per_batch=num_envs * NUM_STEPS,
-        total_frames=-1,
-        track_traj_ids=False,
-        auto_register_policy_transforms=False,
-    )
-    batches = iter(collector)
-    next(batches)
+    collect = build_collect(env, policy, NUM_STEPS)
+    collect()
     bare_s, whole_s = [], []
 
     def alternate():
         bare.load_state_dict(env.physics.state_dict())
         bare_s.append(_bare_seconds(bare, env.default_joint_pos + env.action_scale * action))
         start = time.perf_counter()
-        next(batches)
+        collect()
         whole_s.append(time.perf_counter() - start)
 
     benchmark.pedantic(alternate, rounds=ROUNDS, warmup_rounds=1)

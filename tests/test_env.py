@@ -8,7 +8,7 @@ import torch
 from playback import Playback
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
-from torchrl.envs import step_mdp
+from torchrl.envs import EnvBase, step_mdp
 from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
@@ -267,3 +267,21 @@ def test_a_motion_that_is_too_short_is_refused(robot, short_clip, settings_of):
     env = build(robot, clip_from_qpos(short_clip.qpos[:4], 50.0, robot), settings)
     step = env.step(env.reset().set(keys.ACTION, torch.zeros(NUM_ENVS, 23)))
     assert step["next", keys.TRUNCATED].all()
+
+
+def test_stepping_with_resets_gives_what_torchrl_gives_to_the_bit(make_env):
+    ours, generic = (make_env("env.termination.distance_start_m=0.35") for _ in range(2))
+    now, other = ours.reset(), generic.reset()
+    generator = torch.Generator().manual_seed(1)
+    resets = 0
+    for _ in range(60):
+        action = torch.randn(ours.action_spec.shape, generator=generator)
+        stepped, now = ours.step_and_maybe_reset(now.set(keys.ACTION, action))
+        expected, other = EnvBase.step_and_maybe_reset(generic, other.set(keys.ACTION, action))
+        assert (stepped == expected).all()
+        assert set(now.keys()) == set(other.keys())
+        # TorchRL zeroes the old actions of those that restart; the next step overwrites them.
+        for key in set(now.keys()) - {keys.ACTION}:
+            assert torch.equal(now.get(key), other.get(key)), key
+        resets += int(stepped["next", keys.DONE].sum())
+    assert resets > 4

@@ -1,10 +1,13 @@
 """Builds the parts of a run from its settings: who gets what, and which random stream."""
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 
 from tlr_exp import g1
@@ -110,18 +113,40 @@ def build_ppo(settings: Settings) -> Ppo:
 def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
     """The training iteration over ``env``; starts (or after a restoration resumes) its episodes."""
     split = build_split(settings)
-    num_envs, num_steps = settings.scale.num_envs, settings.ppo.num_steps
+    collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
+    weight_optimizer = build_weight_optimizer(settings, split)
+    return Trainer(collect, split, weight_optimizer, ppo, settings.scale.num_envs)
+
+
+def build_collect(
+    env: TrackingEnv, policy: TensorDictModule, num_steps: int
+) -> Callable[[], TensorDictBase]:
+    """A function whose every call returns the next batch [num_envs, num_steps].
+
+    On the CPU it collects with one PyTorch thread: the engine's threads have the cores, and
+    PyTorch's would wait for one another at each of its many small operations.
+    """
     collector = Collector(
         env,
-        ppo.actor,
-        frames_per_batch=num_envs * num_steps,
+        policy,
+        frames_per_batch=env.batch_size[0] * num_steps,
         total_frames=-1,
         track_traj_ids=False,
         auto_register_policy_transforms=False,
     )
     batches = iter(collector)
-    weight_optimizer = build_weight_optimizer(settings, split)
-    return Trainer(lambda: next(batches), split, weight_optimizer, ppo, num_envs)
+
+    def collect() -> TensorDictBase:
+        if env.device.type != "cpu":
+            return next(batches)
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            return next(batches)
+        finally:
+            torch.set_num_threads(threads)
+
+    return collect
 
 
 def build_weight_optimizer(settings: Settings, split: RewardSplit):

@@ -8,6 +8,17 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from tlr_exp import g1, keys
 from tlr_exp.mdp.observations import PRIVILEGED_DIM
 
+# Entries of one number an environment that are zero at the start of an episode.
+CLEARED_BY_RESET = {
+    keys.UPPER_BODY_ERROR: torch.float32,
+    keys.LOWER_BODY_ERROR: torch.float32,
+    keys.JOINT_ERROR: torch.float32,
+    keys.UNSTABLE: torch.bool,
+    keys.TERMINATED: torch.bool,
+    keys.TRUNCATED: torch.bool,
+    keys.DONE: torch.bool,
+}
+
 
 def observation_spec(batch: torch.Size, device: torch.device, observation_dim: int) -> Composite:
     """What a step shows besides reward terms and done flags; the leading axis is num_envs."""
