@@ -10,8 +10,7 @@ ARGS ?=
 help: ## Explain the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
-# PyTorch goes first and by its exact version: any other requirement could bring a build with
-# gigabytes of CUDA libraries.
+# PyTorch goes first and by its exact version, so that no other requirement chooses a build of it.
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch==2.13.0

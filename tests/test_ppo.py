@@ -151,7 +151,8 @@ def rate_after(make_ppo, kl: float, *overrides: str) -> float:
     batch = ready(ppo)
     # Means of three dimensions of standard deviation 0.8, off by d: KL = 3 d^2/(2 * 0.64).
     batch["loc"] = batch["loc"] + math.sqrt(kl * 1.28 / 3)
-    return ppo.update(batch).learning_rate
+    ppo.update(batch)
+    return ppo.learning_rate
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from tlr_exp.constraints import violations
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
-MOTION_FILES = (".yaml", ".npz")
+MOTION_FILES = (".yaml", ".yml", ".npz")
 
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = ("resume", "runs_dir", "tracking_uri", "study", "num_threads", "scale.evidence")

@@ -15,7 +15,7 @@ DONE = "done"
 UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
 LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
-UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state stopped being finite
+UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env.py)
 
 # --- reward terms ----------------------------------------------------------------------------
 # Upper layer, paper section 3.2: the four tracking terms.
@@ -74,6 +74,7 @@ TRAIN_UPPER_BODY_ERROR = "train/upper_body_error_m"
 TRAIN_LOWER_BODY_ERROR = "train/lower_body_error_m"
 TRAIN_JOINT_ERROR = "train/joint_error_rad"
 UNSTABLE_ENVS = "train/unstable_envs"
+DISTANCE_LIMIT = "train/distance_limit_m"  # beyond which a body ends an episode
 OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)
 OBJECTIVE_AFTER = "train/objective_after"  # J at the weights in use
 OPTIMAL_SHARE = "train/optimal_share"  # share of the pack that reaches the best J

@@ -21,15 +21,15 @@ from tlr_exp.settings import PpoSettings
 
 @dataclass(frozen=True)
 class PpoDiagnostics:
-    """Means over all minibatches of one update; the learning rate is the last one."""
+    """Means over all minibatches of one update."""
 
     surrogate_loss: float
     value_loss: float
     entropy: float
     kl: float
     clip_fraction: float
-    action_std: float
     learning_rate: float
+    action_std: float
 
 
 class NonFiniteLossError(RuntimeError):
@@ -100,7 +100,7 @@ class Ppo:
             NonFiniteLossError: the loss or its gradient is not finite.
         """
         samples = batch.select(*self._needed_keys()).reshape(-1)
-        sums = torch.zeros(5, device=samples.device)
+        sums = torch.zeros(6, device=samples.device)
         for epoch in range(self.settings.num_epochs):
             for minibatch in self._minibatches(samples):
                 sums += self._update_once(minibatch, epoch)
@@ -111,7 +111,6 @@ class Ppo:
         return PpoDiagnostics(
             *means.tolist(),
             action_std=samples["scale"].mean().item(),
-            learning_rate=self.learning_rate,
         )
 
     @property
@@ -150,8 +149,9 @@ class Ppo:
         self._adapt_learning_rate(kl)
         self.adam.step()
         logged = ("loss_objective", "loss_critic", "entropy")
+        rate = torch.as_tensor(self.learning_rate, device=kl.device)
         return torch.stack(
-            [*(losses[name].detach() for name in logged), kl, losses["clip_fraction"]]
+            [*(losses[name].detach() for name in logged), kl, losses["clip_fraction"], rate]
         )
 
     @torch.no_grad()

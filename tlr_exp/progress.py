@@ -62,7 +62,8 @@ class PlainDisplay:
         self.shown_at = now
         print(
             f"iteration {iteration}/{self.last}  {speed:,.0f} steps/s  "
-            f"ETA {_clock(self.pace.eta_s(iteration))}  " + "  ".join(_headlines(metrics)),
+            f"ETA {_clock(self.pace.eta_s(iteration))}  "
+            + "  ".join([*_headlines(metrics), f"weights {_weights(metrics)}"]),
             flush=True,
         )
 
@@ -115,6 +116,12 @@ def _headlines(metrics: Mapping[str, float]) -> list[str]:
         f" lower {metrics[keys.TRAIN_LOWER_BODY_ERROR]:.3f} m",
         f"J {metrics[keys.OBJECTIVE_BEFORE]:.2f} -> {metrics[keys.OBJECTIVE_AFTER]:.2f}",
     ]
+
+
+def _weights(metrics: Mapping[str, float]) -> str:
+    """The weights in the order of their terms, as in the header of the live panel's table."""
+    weights = [v for name, v in metrics.items() if name.startswith(keys.WEIGHT_PREFIX)]
+    return " ".join(f"{value:.2f}" for value in weights)
 
 
 def _weights_table(metrics: Mapping[str, float]) -> Table:

@@ -107,7 +107,7 @@ def _runs(paths: Sequence[str]) -> dict[RunDirectory, Path]:
 
 
 def _store_of(run: RunDirectory, root: Path, given: str | None) -> str:
-    """The store for `run`: the one given, the environment's, one beside or above it, or in `root`.
+    """The store for `run`: the one given, the environment's, one beside or above it, or a new one.
 
     Raises:
         ValueError: a URI of no usable kind.
@@ -119,7 +119,9 @@ def _store_of(run: RunDirectory, root: Path, given: str | None) -> str:
         for folder in list(run.path.parents)[:2]:
             if (folder / STORE).is_file():
                 return default_tracking_uri(folder)
-    return default_tracking_uri(root)
+    # Where training itself would have put it: RUNS, of RUNS/STUDY/RUN.
+    study = run.manifest.get("tags", {}).get("experiment")
+    return default_tracking_uri(run.path.parents[1] if run.path.parent.name == study else root)
 
 
 def _experiment_of(run: RunDirectory, given: str | None) -> str:

@@ -1,7 +1,7 @@
 """One training iteration of the two-layered method, readable as the algorithm.
 
 The trainer knows neither the environment nor which weight optimizer is in use; everything that
-surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.train``.
+surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.training``.
 """
 
 from collections.abc import Callable, Iterator

@@ -98,6 +98,7 @@ class Training:
         start = time.perf_counter()
         metrics = self.trainer.train_iteration()
         self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
+        metrics[keys.DISTANCE_LIMIT] = self.env.distance.value_m.item()
         scale = self.settings.scale
         is_last = iteration == scale.iterations
         result = None

@@ -25,6 +25,15 @@ PACKAGES = (
 _GIT_TIMEOUT_S = 5.0
 
 
+def source_revision() -> dict[str, object] | None:
+    """The revision of the code that runs; None for an installed copy, which has a version instead.
+
+    A copy may lie inside another project's work tree: only a file that git tracks tells.
+    """
+    folder = Path(__file__).parent
+    return git_state(folder) if _git(folder, "ls-files", Path(__file__).name) else None
+
+
 def git_state(folder: Path) -> dict[str, object] | None:
     """Commit and dirty flag of the git work tree that holds `folder`; None where there is none.
 

@@ -260,7 +260,7 @@ def _new_manifest(
         "command": _command(),
         "seed": config.get("seed"),
         "tags": tags,
-        "git": provenance.git_state(Path.cwd()),
+        "git": provenance.source_revision(),
         "tlr_exp": __version__,
         "packages": provenance.package_versions(),
         "python": platform.python_version(),
