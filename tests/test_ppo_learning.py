@@ -24,7 +24,7 @@ def test_every_epoch_takes_each_sample_once_in_a_new_order(make_ppo, monkeypatch
 
     def watch(minibatch: TensorDictBase, epoch: int) -> Tensor:
         seen.append(minibatch["advantage"].flatten().tolist())
-        return torch.ones(5)
+        return torch.ones(6)
 
     monkeypatch.setattr(ppo, "_update_once", watch)
     assert ppo.update(batch).kl == 1.0  # the mean over all minibatches
