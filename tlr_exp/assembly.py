@@ -1,5 +1,6 @@
 """Builds the parts of a run from its settings: who gets what, and which random stream."""
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 
-from tlr_exp import g1
+from tlr_exp import g1, keys
 from tlr_exp.config import ConfigError, instantiate
 from tlr_exp.env import TrackingEnv
 from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
@@ -23,6 +24,8 @@ from tlr_exp.reward import RewardSplit
 from tlr_exp.robot import Robot, build_robot
 from tlr_exp.settings import EnvSettings, ResetNoise, Settings
 from tlr_exp.trainer import Trainer
+
+LIMIT_MARGIN = 0.1  # epsilon of Table 1, for limit terms that only an evaluation reports
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,16 @@ def build_env(settings: Settings, robot: Robot, clip: MotionClip) -> TrackingEnv
 def build_evaluation_env(
     settings: Settings, robot: Robot, clip: MotionClip, num_envs: int = 1
 ) -> TrackingEnv:
-    """One robot from phase 0, without noise, whose episode no failure ends."""
+    """One robot from phase 0, without noise, whose episode no failure ends.
+
+    It reports every lower-layer term of the paper, also those that the run's reward has not.
+    """
+    settings = copy.deepcopy(settings)
+    for name in keys.PAPER_LOWER_LAYER:
+        if name not in (*settings.reward.goal, *settings.reward.optimizing):
+            settings.reward.optimizing[name] = 0.0
+            margins = dict.fromkeys(keys.TERM_PARAMETERS[name], LIMIT_MARGIN)
+            settings.reward.parameters[name] = margins
     no_noise = ResetNoise(*(0.0 for _ in dataclasses.fields(ResetNoise)))
     env_settings = dataclasses.replace(settings.env, start_phase="zero", reset_noise=no_noise)
     return _build_env(settings, env_settings, robot, clip, num_envs, failures=False)
@@ -170,4 +182,9 @@ def check_device(name: str) -> torch.device:
         raise ConfigError(
             f"device is {name!r}, but PyTorch finds no CUDA device here; allowed: cpu"
         )
-    return torch.device(name)
+    device = torch.device(name)
+    if (device.index or 0) >= max(1, torch.cuda.device_count()):
+        raise ConfigError(
+            f"device is {name!r}; allowed: cpu, cuda:0 to cuda:{torch.cuda.device_count() - 1}"
+        )
+    return device

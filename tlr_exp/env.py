@@ -70,6 +70,7 @@ class TrackingEnv(EnvBase):
         self.reference = reference
         self.settings = settings
         self.failures = failures
+        self.term_names = tuple(terms)
         self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
 
         tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)

@@ -66,25 +66,22 @@ def _evaluate(options: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of, build_split
+    from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
     from tlr_exp.evaluation import evaluate_policy, result_table
     from tlr_exp.records.storage import atomic_write
 
     settings = choice.settings
     robot = build_robot_of(settings.env)
     env = build_evaluation_env(settings, robot, build_clip(settings.env, robot))
-    names = build_split(settings).term_names
-    trajectory, result = evaluate_policy(env, load_policy(choice), names)
-
     folder = options.output or choice.run / "eval"
     folder.mkdir(parents=True, exist_ok=True)
+    trajectory, result = evaluate_policy(env, load_policy(choice), env.term_names)
     name = f"{choice.iteration:06d}-{choice.physics}"
     record = {**_origin(choice), **result.to_dict()}
+    title = f"{choice.run.name}, iteration {choice.iteration}, {choice.physics} physics"
+    Console().print(result_table(result, title))
     text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
     atomic_write(folder / f"{name}.json", f"{text}\n".encode())
-    console = Console()
-    title = f"{choice.run.name}, iteration {choice.iteration}, {choice.physics} physics"
-    console.print(result_table(result, title))
     print(f"wrote {folder / name}.json")
     if options.video is not False:
         _film(folder / f"{name}.mp4", settings, trajectory, required=bool(options.video))

@@ -65,6 +65,15 @@ TERM_PARAMETERS: dict[str, tuple[str, ...]] = {
     TERMINATION: (),
 }
 TERM_NAMES = tuple(TERM_PARAMETERS)
+PAPER_LOWER_LAYER = (
+    BASE_HEIGHT,
+    ANG_VEL_XY,
+    LIN_VEL_Z,
+    DOF_POS_LIMITS,
+    DOF_VEL_LIMITS,
+    ACTION_SMOOTHNESS,
+    TORQUE_LIMITS,
+)
 
 # --- metric names ----------------------------------------------------------------------------
 ITERATION = "iteration"

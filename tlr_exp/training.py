@@ -1,11 +1,14 @@
 """A training from start (or checkpoint) to end: iterations, and all that surrounds them."""
 
+import io
+import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,7 +27,8 @@ from tlr_exp.motion.script import KeyframeError
 from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.settings import Settings
 
 # The paper's snapshots (Figures 9-12) at iterations 100, 500, 1000 and 2200 of 2500.
@@ -63,15 +67,18 @@ class Training:
 
     def __init__(self, settings: Settings, run: RunDirectory) -> None:
         self.settings, self.run = settings, run
-        if settings.num_threads:
-            torch.set_num_threads(settings.num_threads)
+        # Always, so that no job of a sweep inherits another's.
+        torch.set_num_threads(settings.num_threads or available_cores())
+        if settings.device != "cpu":
+            run.set_status(RUNNING, device_name=torch.cuda.get_device_name(settings.device))
         self.store = checkpoint_store(settings, run)
         robot = build_robot_of(settings.env)
         clip = build_clip(settings.env, robot)
         self.env = build_env(settings, robot, clip)
         self.evaluation_env = build_evaluation_env(settings, robot, clip)
         ppo = build_ppo(settings)
-        saved = self.store.latest_valid(settings.device)
+        # To the CPU, where generator states must be; each part takes the rest to its own device.
+        saved = self.store.latest_valid("cpu")
         if saved is not None:
             self.env.restore_simulation(saved.state["simulation"])
         self.trainer = build_trainer(settings, self.env, ppo)
@@ -87,14 +94,16 @@ class Training:
         try:
             with _stop_signals() as stop:
                 for iteration in range(self.done + 1, last + 1):
-                    self._iterate(iteration, display, stop)
+                    self._iterate(iteration, display)
                     if stop and iteration < last:
+                        if self.done < iteration:
+                            self._save(iteration, None)
                         return self._end(INTERRUPTED)
         finally:
             display.close()
         return self._end(FINISHED)
 
-    def _iterate(self, iteration: int, display: Display, stop: list[int]) -> None:
+    def _iterate(self, iteration: int, display: Display) -> None:
         start = time.perf_counter()
         metrics = self.trainer.train_iteration()
         self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
@@ -103,19 +112,21 @@ class Training:
         is_last = iteration == scale.iterations
         result = None
         if is_last or iteration % scale.evaluate_every == 0:
+            evaluation_start = time.perf_counter()
             result = self._evaluate()
             metrics |= result.metrics()
+            metrics[f"{keys.TIME_PREFIX}evaluate_s"] = time.perf_counter() - evaluation_start
         metrics[f"{keys.TIME_PREFIX}iteration_s"] = time.perf_counter() - start
         self.run.log(iteration, metrics)
         due = iteration % scale.checkpoint_every == 0 or iteration in self.store.keep_iterations
-        if due or is_last or result or stop:
+        if due or is_last or result:
             self._save(iteration, None if result is None else _score(result))
         display.show(iteration, metrics)
 
     def _evaluate(self) -> EvaluationResult:
         """The deterministic policy over the whole motion."""
         _, result = evaluate_policy(
-            self.evaluation_env, self.trainer.ppo.actor, self.trainer.split.term_names
+            self.evaluation_env, self.trainer.ppo.actor, self.evaluation_env.term_names
         )
         return result
 
@@ -138,12 +149,22 @@ class Training:
         if unstable <= limit:
             return
         path = self.run.path / f"unstable_iteration_{iteration}.npz"
-        np.savez(path, **{name: value.cpu().numpy() for name, value in states.items()})  # type: ignore[arg-type]
+        buffer = io.BytesIO()
+        arrays: dict[str, Any] = {name: value.cpu().numpy() for name, value in states.items()}
+        np.savez(buffer, **arrays)
+        # A full disk must not hide why the run ends.
+        with suppress(StorageError):
+            atomic_write(path, buffer.getbuffer())
         raise UnstableSimulationError(
             f"in iteration {iteration} {unstable:.0f} of {self.settings.scale.num_envs} "
             f"simulations stopped being finite (allowed: {limit:.1f}); their last finite states "
             f"and actions are in {path}"
         )
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
 def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
@@ -166,7 +187,8 @@ def _stop_signals() -> Iterator[list[int]]:
 
     def note(number: int, _: FrameType | None) -> None:
         received.append(number)
-        print("\nstopping after this iteration, with a checkpoint …", flush=True)
+        # Not print: the signal may come in the middle of one.
+        os.write(1, "\nstopping after this iteration, with a checkpoint …\n".encode())
         signal.signal(signal.SIGINT, before[signal.SIGINT])
 
     for number in before:
