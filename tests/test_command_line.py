@@ -13,6 +13,8 @@ from tlr_exp.command_line import explain_mistakes
         (["sede=1"], ["no key sede", "Did you mean seed?"]),
         (["seed"], ["seed"]),
         (["seed=1", "optimizer.pack=3"], ["no key optimizer.pack", "pack_size"]),
+        (["-m", "optimizer=fixed,gwo", "scale.num_env=1,2"], ["no key scale.num_env", "num_envs"]),
+        (["ppo=null"], ["ppo"]),
     ],
 )
 def test_a_mistake_leaves_with_an_explanation(arguments, words, capsys):

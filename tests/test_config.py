@@ -9,6 +9,7 @@ from omegaconf import OmegaConf
 from tlr_exp.config import (
     NOT_IDENTITY,
     ConfigError,
+    file_hashes,
     instantiate,
     load_settings,
     plain_config,
@@ -79,6 +80,13 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("device=tpu", ["device is 'tpu'", "cuda"]),
         ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
         ("+extra=1", ["there is no key extra", "seed"]),
+        ("+reward.goal.base_height=1", ["reward.goal.base_height", "reward.optimizing"]),
+        ("reward.goal.body_pos=nan", ["reward.goal.body_pos is nan", "finite"]),
+        ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),
+        ("reward.parameters.dof_pos_limits.margin=5", ["margin is 5.0", "below 1"]),
+        ("optimizer.lower=2.0", ["optimizer.lower is 2.0", "optimizer.upper"]),
+        ("scale.name=a/b", ["scale.name is 'a/b'", "letters"]),
+        ("device=7", ["device is 7", "cuda"]),
     ],
 )
 def test_a_mistake_is_named_with_what_is_allowed(override, words):
@@ -86,6 +94,30 @@ def test_a_mistake_is_named_with_what_is_allowed(override, words):
         load_settings(composed(override))
     for word in words:
         assert word in str(error.value)
+
+
+def test_a_whole_number_may_stand_for_a_constant_of_a_term():
+    settings = load_settings(composed("reward.parameters.body_rot.sigma=2"))
+    assert settings.reward.parameters["body_rot"]["sigma"] == 2.0
+
+
+def test_what_is_built_gets_its_arguments_as_they_are(robot):
+    built = instantiate(
+        {"_target_": "tlr_exp.physics.native.NativePhysics"}, robot=robot, num_envs=2
+    )
+    assert built.num_envs == 2
+    kept = instantiate({"_target_": "builtins.dict"}, robot=robot)
+    assert kept["robot"] is robot
+
+
+def test_the_identity_of_a_run_holds_the_content_of_its_files(tmp_path):
+    config = {"env": {"motion": str(tmp_path / "a.npz"), "robot": {"mjcf": None}}}
+    (tmp_path / "a.npz").write_bytes(b"one")
+    first = file_hashes(config)
+    (tmp_path / "a.npz").write_bytes(b"two")
+    assert set(first) == {"env.motion"}
+    assert first != file_hashes(config)
+    assert file_hashes({"env": {"motion": "gym_motion", "robot": {"mjcf": None}}}) == {}
 
 
 def test_several_mistakes_are_named_together():
@@ -115,6 +147,7 @@ def test_the_identity_ignores_where_a_run_is_kept_and_nothing_that_it_learns_fro
         return config_hash(plain_config(composed(*overrides)), NOT_IDENTITY)
 
     assert identity() == identity("runs_dir=elsewhere", "resume=auto", "tracking_uri=none")
+    assert identity() == identity("physics.num_threads=1", "scale.checkpoint_every=3")
     assert identity() != identity("seed=1")
     assert identity() != identity("optimizer=fixed")
     assert identity() != identity("ppo.gamma=0.98")

@@ -18,14 +18,24 @@ def explain_mistakes(arguments: Sequence[str]) -> None:
     Hydra names the key but not what is there in its place. Everything else (flags, sweeps of
     several values, interpolations) is Hydra's own to judge.
     """
-    if any(argument.startswith("-") for argument in arguments):
+    flags = {argument for argument in arguments if argument.startswith("-")}
+    if flags - {"-m", "--multirun"}:
         return
+    overrides = [_first_value(a) if flags else a for a in arguments if a not in flags]
     try:
         with initialize_config_module("tlr_exp.conf", version_base="1.3"):
-            _compose(list(arguments))
-    except HydraException as error:
-        print(error, file=sys.stderr)
+            _compose(overrides)
+    except (HydraException, ValueError) as error:
+        where = "" if isinstance(error, HydraException) else f"in {' '.join(overrides)}: "
+        print(f"{where}{error}", file=sys.stderr)
         sys.exit(EXIT_CONFIG)
+
+
+def _first_value(override: str) -> str:
+    """Of a plain list of values in a sweep, the first: ``seed=0,1`` is checked as ``seed=0``."""
+    key, equals, values = override.partition("=")
+    plain = not any(bracket in values for bracket in "([{'\"")
+    return f"{key}{equals}{values.split(',')[0]}" if plain else override
 
 
 def _compose(overrides: list[str]) -> None:

@@ -5,6 +5,9 @@ that a mistake shows within a second or two.
 """
 
 import difflib
+import hashlib
+import math
+import re
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -23,7 +26,11 @@ CONFIG_PATH = "pkg://tlr_exp.conf"
 MOTION_FILES = (".yaml", ".yml", ".npz")
 
 # Keys that change where or how a run is made, not what it learns.
-NOT_IDENTITY = ("resume", "runs_dir", "tracking_uri", "study", "num_threads", "scale.evidence")
+NOT_IDENTITY = (
+    *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
+    *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
+    "scale.keep_checkpoints",
+)
 
 
 class ConfigError(ValueError):
@@ -33,6 +40,17 @@ class ConfigError(ValueError):
 def plain_config(config: DictConfig) -> dict[str, Any]:
     """The resolved configuration as plain data, without Hydra's own part."""
     return OmegaConf.to_container(OmegaConf.masked_copy(config, _own_keys(config)), resolve=True)  # type: ignore[return-value]
+
+
+def file_hashes(config: Mapping[str, Any]) -> dict[str, str]:
+    """SHA-256 of the files that a plain configuration names: what they hold is part of a run."""
+    env = config["env"]
+    named = {"env.motion": env["motion"], "env.robot.mjcf": env["robot"]["mjcf"]}
+    return {
+        key: hashlib.sha256(Path(name).read_bytes()).hexdigest()
+        for key, name in named.items()
+        if name is not None and Path(name).is_file()
+    }
 
 
 def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -57,6 +75,7 @@ def load_settings(config: DictConfig | Mapping[str, Any]) -> Settings:
         ConfigError: names every wrong key with what is allowed.
     """
     plain = plain_config(OmegaConf.create(dict(config)))
+    _whole_numbers_to_floats(plain)
     try:
         typed = OmegaConf.merge(OmegaConf.structured(Settings), plain)
         settings: Settings = OmegaConf.to_object(typed)  # type: ignore[assignment]
@@ -79,11 +98,23 @@ def instantiate(node: Mapping[str, Any], **arguments: Any) -> Any:
     Raises:
         ConfigError: there is no such class, or it refuses its settings.
     """
+    # In two steps, because Hydra would turn ``arguments`` into configurations of its own.
     try:
-        return hydra_instantiate(OmegaConf.create(dict(node)), **arguments)
+        build = hydra_instantiate(OmegaConf.create(dict(node)), _partial_=True)
     except InstantiationException as error:
-        cause = error.__cause__ or error
-        raise ConfigError(f"{node.get('_target_')}: {cause}") from cause
+        raise ConfigError(f"{node.get('_target_')}: {error.__cause__ or error}") from error
+    try:
+        return build(**arguments)
+    except ValueError as error:
+        raise ConfigError(f"{node.get('_target_')}: {error}") from error
+
+
+def _whole_numbers_to_floats(plain: dict[str, Any]) -> None:
+    """Let ``sigma=2`` mean 2.0: OmegaConf converts no numbers in dictionaries of dictionaries."""
+    parameters = plain.get("reward", {}).get("parameters") or {}
+    for constants in parameters.values():
+        if isinstance(constants, dict):
+            constants.update({k: float(v) for k, v in constants.items() if type(v) is int})
 
 
 # --- checks ----------------------------------------------------------------------------------
@@ -155,11 +186,27 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
                     f"reward.{group}.{name} is no reward term; allowed: "
                     f"{', '.join(keys.TERM_NAMES)}"
                 )
+    for name in {*reward.goal} & {*reward.optimizing}:
+        yield f"reward.goal.{name} stands in reward.optimizing, too; remove one of them"
+    for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
+        for name, coefficient in terms.items():
+            if not math.isfinite(coefficient):
+                yield f"reward.{group}.{name} is {coefficient}; allowed: a finite number"
+    if not reward.goal:
+        yield "reward.goal is empty; it needs at least one term, by which trajectories are ranked"
     for name in (*reward.goal, *reward.optimizing):
         needed = set(keys.TERM_PARAMETERS.get(name, ()))
         given = set(reward.parameters.get(name, {}))
         if needed != given:
             yield f"reward.parameters.{name} has {sorted(given)}; it needs {sorted(needed)}"
+    for name, constants in reward.parameters.items():
+        if not 0.0 < constants.get("sigma", 1.0) < math.inf:
+            yield f"reward.parameters.{name}.sigma is {constants['sigma']}; allowed: above 0"
+        if not 0.0 <= constants.get("margin", 0.0) < 1.0:
+            yield (
+                f"reward.parameters.{name}.margin is {constants['margin']}; "
+                "allowed: from 0 to below 1"
+            )
 
 
 def _fit_problems(settings: Settings) -> Iterator[str]:
@@ -170,6 +217,12 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         yield "ppo.learning_rate must lie from ppo.min_learning_rate to ppo.max_learning_rate"
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
+    lower, upper = settings.optimizer.get("lower"), settings.optimizer.get("upper")
+    if isinstance(lower, int | float) and isinstance(upper, int | float) and lower >= upper:
+        yield f"optimizer.lower is {lower}; allowed: below optimizer.upper, which is {upper}"
+    for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
+        if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
+            yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"
     share = settings.reward.objective.get("threshold_share")
     if isinstance(share, float) and 0.0 < share < 1.0 and share * settings.scale.num_envs < 1.0:
         yield (

@@ -1,6 +1,7 @@
 """What each configuration key may be: one table, checked before anything heavy is loaded."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -44,7 +45,7 @@ def inside(low: float, high: float) -> Constraint:
 
 _DEVICE = Constraint(
     "cpu, cuda, or cuda:N",
-    lambda value: value in ("cpu", "cuda") or value.removeprefix("cuda:").isdecimal(),
+    lambda value: re.fullmatch(r"cpu|cuda(:\d+)?", value) is not None,
 )
 _LAYERS = Constraint(
     "a list of layer widths of at least 1", lambda value: all(width >= 1 for width in value)

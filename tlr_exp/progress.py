@@ -119,9 +119,11 @@ def _headlines(metrics: Mapping[str, float]) -> list[str]:
 
 
 def _weights(metrics: Mapping[str, float]) -> str:
-    """The weights in the order of their terms, as in the header of the live panel's table."""
-    weights = [v for name, v in metrics.items() if name.startswith(keys.WEIGHT_PREFIX)]
-    return " ".join(f"{value:.2f}" for value in weights)
+    return " ".join(
+        f"{name.removeprefix(keys.WEIGHT_PREFIX)}={value:.2f}"
+        for name, value in metrics.items()
+        if name.startswith(keys.WEIGHT_PREFIX)
+    )
 
 
 def _weights_table(metrics: Mapping[str, float]) -> Table:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from tlr_exp.command_line import explain_mistakes
@@ -15,6 +16,7 @@ from tlr_exp.config import (
     CONFIG_PATH,
     NOT_IDENTITY,
     ConfigError,
+    file_hashes,
     load_settings,
     plain_config,
     with_absolute_paths,
@@ -74,6 +76,9 @@ def tracking_uri(settings: Settings) -> str | None:
             return None
         if settings.tracking_uri == "auto":
             return default_tracking_uri(settings.runs_dir)
+        if "@" in settings.tracking_uri:
+            # The configuration is kept in the run directory and shown in MLflow.
+            raise ValueError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
         return check_tracking_uri(settings.tracking_uri)
     except ValueError as error:
         raise ConfigError(f"tracking_uri: {error}") from error
@@ -90,9 +95,15 @@ def check_inputs(settings: Settings) -> None:
 
     robot = settings.env.robot
     try:
-        load_motion(settings.env.motion, build_robot(robot.mjcf, robot.gains, robot.collisions))
+        model = build_robot(robot.mjcf, robot.gains, robot.collisions)
+        clip = load_motion(settings.env.motion, model)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    if settings.env.reference_lead + 2 > clip.num_frames:
+        raise ConfigError(
+            f"env.reference_lead is {settings.env.reference_lead}; the motion has only "
+            f"{clip.num_frames} frames"
+        )
     if settings.device != "cpu":
         from tlr_exp.assembly import check_device
 
@@ -102,7 +113,7 @@ def check_inputs(settings: Settings) -> None:
 def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
     """A new run directory, or with ``resume=auto`` the latest one of the same configuration."""
     plain = with_absolute_paths(plain_config(config))
-    identity = config_hash(plain, NOT_IDENTITY)
+    identity = config_hash({**plain, "files": file_hashes(plain)}, NOT_IDENTITY)
     root = Path(settings.runs_dir) / settings.study
     method = HydraConfig.get().runtime.choices["optimizer"]
     found = find_run(root, identity) if settings.resume == "auto" and root.is_dir() else None
@@ -159,12 +170,21 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
 
 @contextmanager
 def _errors_for_people() -> Iterator[None]:
-    """Errors that have an explanation are printed without a traceback."""
+    """Errors that have an explanation are printed without a traceback.
+
+    In a sweep (``-m``) they are left to Hydra, which goes on with the other jobs.
+    """
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        yield
+        return
     try:
         yield
     except (ConfigError, RunDirectoryError) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_CONFIG)
+    except KeyboardInterrupt:
+        print("interrupted; go on by the same command with resume=auto", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
     except (StorageError, *_explained_failures()) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_FAILED)

@@ -27,8 +27,11 @@ class Trainer:
         self.arguments = [*TINY, f"env.motion={motion}", "tracking_uri=none"]
 
     def start(self, *overrides: str) -> subprocess.Popen[str]:
+        # Hydra wants its flags before all overrides.
+        flags = [argument for argument in overrides if argument.startswith("-")]
+        changes = [argument for argument in overrides if argument not in flags]
         return subprocess.Popen(
-            [sys.executable, "-m", "tlr_exp.train", *self.arguments, *overrides],
+            [sys.executable, "-m", "tlr_exp.train", *flags, *self.arguments, *changes],
             cwd=self.folder,
             env={**os.environ, "HYDRA_FULL_ERROR": "1"},
             stdin=subprocess.DEVNULL,
@@ -45,7 +48,7 @@ class Trainer:
 
     @property
     def runs(self) -> list[Path]:
-        return sorted(self.folder.glob("runs/*/*/"))
+        return sorted(manifest.parent for manifest in self.folder.glob("runs/*/*/manifest.json"))
 
 
 @pytest.fixture

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.checks import ARRAY_SHAPES
-from tlr_exp.motion.clip import MotionClip, clip_from_qpos, kinematics_error, resample
+from tlr_exp.motion.clip import (
+    MotionClip,
+    check_consistency,
+    clip_from_qpos,
+    kinematics_error,
+    resample,
+)
 from tlr_exp.motion.quaternions import angle_between, continuous, slerp
 
 
@@ -260,3 +266,13 @@ def test_continuous_undoes_any_flips():
     signs = rng.choice([-1.0, 1.0], size=60)
     signs[0] = 1.0
     np.testing.assert_allclose(continuous(quats * signs[:, None]), quats)
+
+
+def test_a_clip_whose_bodies_or_velocities_are_not_its_own_is_refused(robot, short_clip):
+    check_consistency(short_clip, robot, "short.npz")
+    moved = dataclasses.replace(short_clip, body_pos_w=short_clip.body_pos_w + 0.02)
+    with pytest.raises(ValueError, match=r"short\.npz: its bodies are up to 0\.035 m"):
+        check_consistency(moved, robot, "short.npz")
+    still = dataclasses.replace(short_clip, qvel=np.zeros_like(short_clip.qvel))
+    with pytest.raises(ValueError, match="not the derivative"):
+        check_consistency(still, robot, "short.npz")

@@ -31,6 +31,9 @@ from tlr_exp.motion.checks import (
 from tlr_exp.motion.quaternions import angle_between, continuous, slerp
 from tlr_exp.robot import Robot
 
+# How far bodies may be from forward kinematics: room for float32 files and other conventions of
+# rounding, none for another robot.
+MAX_OFFSET_M, MAX_ANGLE_RAD = 0.01, 0.02
 _KEYS = (*ARRAY_SHAPES, "fps", "joint_names", "body_names")
 
 
@@ -238,6 +241,28 @@ def kinematics_error(clip: MotionClip, robot: Robot) -> tuple[float, float]:
     offset = np.linalg.norm(poses["body_pos_w"] - clip.body_pos_w, axis=-1)
     angle = angle_between(poses["body_quat_w"], clip.body_quat_w)
     return float(offset.max()), float(angle.max())
+
+
+def check_consistency(clip: MotionClip, robot: Robot, name: str) -> None:
+    """Refuse a clip whose bodies or velocities do not belong to its ``qpos`` and this robot.
+
+    Raises:
+        ValueError: bodies farther than 1 cm or 0.02 rad from forward kinematics, or velocities
+            that differ from the derivative of ``qpos`` by more than half of it.
+    """
+    offset, angle = kinematics_error(clip, robot)
+    if offset > MAX_OFFSET_M or angle > MAX_ANGLE_RAD:
+        raise ValueError(
+            f"{name}: its bodies are up to {offset:.3f} m and {angle:.3f} rad from where its qpos "
+            "puts them on this robot; make it anew with tlr_exp.motion.clip.clip_from_qpos"
+        )
+    derivative = differentiate_qpos(robot.model, clip.qpos, clip.fps)
+    difference = np.linalg.norm(clip.qvel - derivative)
+    if difference > 0.5 * np.linalg.norm(derivative) + 1e-6:
+        raise ValueError(
+            f"{name}: its qvel is not the derivative of its qpos; make it anew with "
+            "tlr_exp.motion.clip.clip_from_qpos"
+        )
 
 
 def resample(clip: MotionClip, fps: float, robot: Robot) -> MotionClip:

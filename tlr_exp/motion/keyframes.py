@@ -21,7 +21,7 @@ from tlr_exp.motion.balance import (
     check_balance,
     plan_com,
 )
-from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.clip import MotionClip, check_consistency, clip_from_qpos
 from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import sole_points
 from tlr_exp.motion.plan import MotionPlan
@@ -49,7 +49,9 @@ def load_motion(name_or_path: str | Path, robot: Robot) -> MotionClip:
     """
     path = Path(name_or_path)
     if path.suffix == ".npz":
-        return MotionClip.load(path)
+        clip = MotionClip.load(path)
+        check_consistency(clip, robot, str(path))
+        return clip
     if path.suffix in (".yaml", ".yml"):
         if not path.is_file():
             raise FileNotFoundError(f"there is no keyframe file {path}")
