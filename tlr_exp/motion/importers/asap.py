@@ -1,0 +1,48 @@
+"""ASAP's and PBHC's ``.pkl`` (joblib): named motions of 23 joints, root quaternions xyzw."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from tlr_exp.g1 import JOINT_NAMES
+from tlr_exp.motion.importers.raw import (
+    MotionFileError,
+    Options,
+    RawMotion,
+    assemble,
+    listed,
+    take,
+    take_rate,
+    wxyz,
+)
+
+
+def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
+    """The motion of the file, or the one that ``options.motion`` names.
+
+    PBHC adds ``contact_mask``, which is not used. ``smpl_joints`` are those of the person, not of
+    the robot, so that there is nothing to compare forward kinematics with.
+
+    Raises:
+        MotionFileError: see ``raw``; or the file has several motions and none is named.
+    """
+    motion = choose(content, options)
+    dof = take(motion, "dof", len(JOINT_NAMES))
+    position = take(motion, "root_trans_offset", 3, frames=len(dof))
+    quats = wxyz(take(motion, "root_rot", 4, frames=len(dof)))
+    qpos = assemble(position, quats, dof, JOINT_NAMES)
+    return [RawMotion(take_rate(motion, "fps", options), qpos)]
+
+
+def choose(content: Mapping[str, Any], options: Options) -> Mapping[str, Any]:
+    """One of the motions of a file {name: motion}, or the file itself if it is one motion."""
+    motions = {name: value for name, value in content.items() if isinstance(value, dict)}
+    if not motions:
+        return content
+    if options.motion is None and len(motions) > 1:
+        raise MotionFileError(
+            f"it has {len(motions)} motions; choose one by --motion NAME: {listed(motions)}"
+        )
+    name = next(iter(motions)) if options.motion is None else options.motion
+    if name not in motions:
+        raise MotionFileError(f"it has no motion {name!r}; it has {listed(motions)}")
+    return motions[name]
