@@ -74,6 +74,8 @@ def import_motion(
     Raises:
         MotionFileError: the file cannot be imported; the message names it and says why.
     """
+    if not 0 <= clamp_rad < np.pi:
+        raise MotionFileError(f"joints cannot be clamped by {clamp_rad:g} rad; expected 0 to pi")
     try:
         raw, found = read_motion(read_bytes(Path(path)), robot, format, options or Options())
         if (len(raw.qpos) - 1) / raw.fps > MAX_DURATION_S:

@@ -66,14 +66,12 @@ def detect(content: Mapping[str, Any]) -> str:
     Raises:
         MotionFileError: none fits.
     """
-    inner = (
-        next((value for value in content.values() if isinstance(value, dict)), None)
-        if (isinstance(content, dict))
-        else None
-    )
-    keys = set(content if inner is None else inner)
+    motions = []
+    if isinstance(content, dict):
+        motions = [value for value in content.values() if isinstance(value, dict)]
+    keys = list(motions[0] if motions else content)
     for name, signature in _SIGNATURES:
-        if signature <= keys:
+        if signature <= set(keys):
             return name
     raise MotionFileError(
         f"its format is not known; it has {listed(keys)}; known are {', '.join(READERS)}"

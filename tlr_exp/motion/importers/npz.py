@@ -35,7 +35,9 @@ class NpzArrays(Mapping[str, Any]):
             raise KeyError(key)
         try:
             with zipfile.ZipFile(io.BytesIO(self._data)) as archive:
-                return _read_array(archive.read(f"{key}.npy"))
+                return _read_array(key, archive.read(f"{key}.npy"))
+        except MotionFileError:
+            raise
         except Exception as error:
             raise MotionFileError(
                 f"its array {key} cannot be read ({type(error).__name__})"
@@ -48,7 +50,7 @@ class NpzArrays(Mapping[str, Any]):
         return len(self._sizes)
 
 
-def _read_array(content: bytes) -> np.ndarray:
+def _read_array(key: str, content: bytes) -> np.ndarray:
     """An ``.npy`` file; its header is checked against its size before memory is set aside."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
@@ -58,7 +60,10 @@ def _read_array(content: bytes) -> np.ndarray:
     }[version]
     shape, fortran, dtype = read(file)
     if dtype.hasobject:
-        raise ValueError("an array of Python objects")
+        raise MotionFileError(
+            f"its array {key} holds pickled objects, which no motion needs: the file may be "
+            "malicious; nothing in it was run"
+        )
     if 0 in shape:
         return np.empty(shape, dtype)
     flat = np.frombuffer(content, dtype=dtype, offset=file.tell())

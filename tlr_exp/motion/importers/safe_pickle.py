@@ -25,6 +25,7 @@ from tlr_exp.motion.importers.raw import MotionFileError
 _NUMPY = "ndarray", "dtype", "_reconstruct", "scalar", "_frombuffer"
 _JOBLIB = "joblib.numpy_pickle", "NumpyArrayWrapper"
 _MODULES = re.compile(r"numpy(\.(core|_core)\.(multiarray|numeric))?")
+_LZMA_MEMORY = 128 << 20  # the largest dictionary of xz's presets, twice
 _DTYPE = re.compile(r"[<>|=]?([iu][1248]|f[248]|b1|[US]\d{1,4})")
 
 # Instructions that make and nest plain values.
@@ -86,7 +87,9 @@ class _Dtype:
     def dtype(self) -> np.dtype:
         text = self.order + self.code if isinstance(self.code, str) else ""
         if not _DTYPE.fullmatch(text):
-            raise MotionFileError(f"it holds an array of type {text[:20]!r}; expected numbers")
+            raise MotionFileError(
+                f"it holds an array of type {text[:20]!r}; expected numbers; nothing in it was run"
+            )
         return np.dtype(text)
 
 
@@ -145,7 +148,8 @@ class _DataUnpickler(pickle._Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == _JOBLIB or (name in _NUMPY and _MODULES.fullmatch(module)):
             return _Global(name)
-        if (module, name) == ("_codecs", "encode"):
+        # By these two, protocol 2 writes bytes.
+        if (module, name) in (("_codecs", "encode"), ("__builtin__", "bytes")):
             return _Global(name)
         raise MotionFileError(
             f"it asks to load {_shown(module)}.{_shown(name)}, which no motion needs: the file "
@@ -202,6 +206,7 @@ def _call(called: Any, args: Any) -> Any:
         "scalar": lambda kind, raw: _array(raw, kind, (), "C")[()],
         "_frombuffer": lambda raw, kind, shape, order: _array(raw, kind, shape, order),
         "encode": _encode,
+        "bytes": lambda: b"",
     }
     if not isinstance(called, _Global) or called.name not in makers:
         raise MotionFileError("it calls what is no function of numpy's; nothing in it was run")
@@ -238,7 +243,7 @@ def _unpacked(data: bytes, max_bytes: int) -> bytes:
     elif data[:3] == b"BZh":
         out = bz2.BZ2Decompressor().decompress(data, max_bytes + 1)
     elif data[:6] == b"\xfd7zXZ\x00":
-        out = lzma.LZMADecompressor(memlimit=max_bytes).decompress(data, max_bytes + 1)
+        out = lzma.LZMADecompressor(memlimit=_LZMA_MEMORY).decompress(data, max_bytes + 1)
     else:
         return data
     if len(out) > max_bytes:

@@ -1,0 +1,117 @@
+"""tlr-motion: what it writes, says and refuses to overwrite."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tlr_exp.motion.clip import MotionClip
+from tlr_exp.motion_tool import main
+
+
+def csv_of(clip: MotionClip, path: Path) -> Path:
+    """Unitree's table; the six wrist joints are zero, after each elbow."""
+    joints, wrists = clip.qpos[:, 7:], np.zeros((clip.num_frames, 3))
+    parts = [clip.qpos[:, :3], clip.qpos[:, [4, 5, 6, 3]], joints[:, :19], wrists, joints[:, 19:]]
+    np.savetxt(path, np.concatenate([*parts, wrists], axis=1), delimiter=",")
+    return path
+
+
+def test_import_writes_a_clip_and_a_report(tmp_path, short_clip, capsys):
+    output = tmp_path / "clip.npz"
+    table = csv_of(short_clip, tmp_path / "walk.csv")
+    assert main(["import", str(table), "--fps", "50", "-o", str(output)]) == 0
+    np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [
+        f"{table}: lafan1, 41 frames at 50 fps",
+        "  forward kinematics: not compared, the file carries no body positions",
+        f"{output}: 41 frames at 50 fps, 0.80 s",
+    ]
+
+
+def test_body_positions_are_compared(tmp_path, short_clip_path, capsys):
+    assert main(["import", str(short_clip_path), "-o", str(tmp_path / "clip.npz")]) == 0
+    assert "differ by 0.0 mm on average, 0.0 mm at most" in capsys.readouterr().out
+
+
+def test_another_robot_shows(tmp_path, short_clip, capsys):
+    arrays = {key: getattr(short_clip, key).copy() for key in ("qpos", "body_pos_w")}
+    arrays["body_pos_w"][:, 26, 2] += 0.1
+    path = tmp_path / "other.npz"
+    names = {"joint_names": short_clip.joint_names, "body_names": short_clip.body_names}
+    np.savez(path, fps=50, **arrays, **names)
+    assert main(["import", str(path), "-o", str(tmp_path / "clip.npz")]) == 0
+    out = capsys.readouterr().out
+    assert "100.0 mm at most (head, frame " in out
+    assert "WARNING" in out
+
+
+def test_clamped_joints_are_reported(tmp_path, short_clip, capsys):
+    table = csv_of(short_clip, tmp_path / "walk.csv")
+    rows = np.loadtxt(table, delimiter=",")
+    rows[3, 7 + 3] = 2.8798 + 0.125
+    np.savetxt(table, rows, delimiter=",")
+    assert main(["import", str(table), "-o", str(tmp_path / "clip.npz")]) == 0
+    out = capsys.readouterr().out
+    assert "left_knee_joint: up to 0.125 rad beyond its limit in 1 frames, set to the" in out
+    assert main(["import", str(table), "-o", str(tmp_path / "b.npz"), "--clamp", "0.1"]) == 1
+    assert not (tmp_path / "b.npz").exists()
+    assert "left_knee_joint is 3.005 rad at frame 3" in capsys.readouterr().err
+
+
+def test_nothing_is_overwritten_unasked(tmp_path, short_clip, capsys):
+    table, output = csv_of(short_clip, tmp_path / "walk.csv"), tmp_path / "clip.npz"
+    output.write_text("mine")
+    assert main(["import", str(table), "-o", str(output)]) == 1
+    assert "--force" in capsys.readouterr().err
+    assert output.read_text() == "mine"
+    assert main(["import", str(table), "-o", str(output), "--force"]) == 0
+    assert MotionClip.load(output).fps == 50
+
+
+def test_a_refused_file_leaves_the_old_clip(tmp_path, capsys):
+    output, empty = tmp_path / "clip.npz", tmp_path / "empty.pkl"
+    output.write_text("mine")
+    empty.touch()
+    assert main(["import", str(empty), "-o", str(output), "--force"]) == 1
+    assert capsys.readouterr().err == f"tlr-motion: {empty}: it is empty\n"
+    assert output.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == [output, empty]
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [("clip.pkl", "must end in .npz"), ("absent/clip.npz", "there is no folder")],
+)
+def test_wrong_output(output, message, tmp_path, short_clip_path, capsys):
+    assert main(["import", str(short_clip_path), "-o", str(tmp_path / output)]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_input_is_never_the_output(short_clip_path, capsys):
+    before = short_clip_path.read_bytes()
+    command = ["import", str(short_clip_path), "-o", str(short_clip_path), "--force"]
+    assert main(command) == 1
+    assert "replace the file it is made from" in capsys.readouterr().err
+    assert short_clip_path.read_bytes() == before
+
+
+def test_info(short_clip_path, capsys):
+    """The pelvis stays at 0.78 m and its heading turns by 0.1 rad/s for 0.8 s: 4.6 degrees."""
+    assert main(["info", str(short_clip_path)]) == 0
+    out = capsys.readouterr().out
+    assert "41 frames at 50 fps, 0.80 s" in out
+    assert "height 0.780 to 0.780 m" in out
+    assert "by at most 5 degrees" in out
+    assert "at most 0.000 mm" in out
+
+
+def test_info_of_what_is_no_clip(tmp_path, capsys):
+    assert main(["info", str(tmp_path / "absent.npz")]) == 1
+    assert "there is no motion clip" in capsys.readouterr().err
+
+
+def test_list(capsys):
+    assert main(["list"]) == 0
+    assert "gym_motion" in capsys.readouterr().out.splitlines()
