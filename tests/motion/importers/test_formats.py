@@ -13,6 +13,7 @@ from foreign_files import (
     asap_motion,
     gmr_motion,
     lafan1,
+    link,
     locomujoco_arrays,
     npz,
     to_joblib,
@@ -151,6 +152,26 @@ def test_one_of_several_trajectories(written, robot, short_clip):
         import_motion(path, robot)
     imported = import_motion(path, robot, options=Options(motion="1"))
     np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos[20:], atol=1e-9)
+    assert imported.gap is not None
+    assert imported.gap.max_m < 1e-6
+
+
+def test_trajectory_without_bodies(written, robot, short_clip):
+    """Nothing is None, which numpy pickles, or an empty array; names may be pickled too."""
+    arrays = locomujoco_arrays(short_clip)
+    arrays["joint_names"] = arrays["joint_names"].astype(object)
+    for nothing in ({"body_names": None}, {"xpos": np.empty(0)}):
+        imported = import_motion(written(npz(**arrays | nothing)), robot)
+        np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-9)
+        assert imported.gap is None
+
+
+def test_named_joints_without_the_root(written, robot, short_clip):
+    arrays = tracking(ISAAC_ORDER, short_clip)
+    names = ["pelvis", *map(link, ISAAC_ORDER)]
+    data = npz(**arrays, joint_names=np.array(ISAAC_ORDER, dtype="S"), body_names=np.array(names))
+    imported = import_motion(written(data), robot)
+    np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-6)
     assert imported.gap is not None
     assert imported.gap.max_m < 1e-6
 

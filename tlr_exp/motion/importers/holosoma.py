@@ -25,21 +25,30 @@ _ROOT_TOLERANCE_RAD = 0.05
 def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
     """The motion; its root orientation is checked against that of the pelvis in the bodies.
 
+    Files of others that name their joints but leave out the root take it from the pelvis.
+
     Raises:
         MotionFileError: see ``raw``; or root and pelvis disagree.
     """
     names = take_names(content, "joint_names")
-    values = take(content, "joint_pos", 7 + len(names))
-    bodies = None
-    quats = values[:, 3:7]
+    joints = take(content, "joint_pos", None)
+    bodies, pelvis = None, None
     if "body_names" in content:
         body_names = take_names(content, "body_names")
-        position = take(content, "body_pos_w", len(body_names), 3, frames=len(values))
+        position = take(content, "body_pos_w", len(body_names), 3, frames=len(joints))
+        quats = take(content, "body_quat_w", len(body_names), 4, frames=len(joints))
         bodies = tracked(body_names, position)
         if PELVIS in body_names:
-            poses = take(content, "body_quat_w", len(body_names), 4, frames=len(values))
-            quats = _root(quats, poses[:, body_names.index(PELVIS)])
-    qpos = assemble(values[:, :3], quats, values[:, 7:], names)
+            place = body_names.index(PELVIS)
+            pelvis = np.concatenate([position[:, place], quats[:, place]], axis=1)
+    if joints.shape[1] == len(names) and pelvis is not None:
+        root = pelvis
+    else:
+        joints = take(content, "joint_pos", 7 + len(names))
+        root, joints = joints[:, :7], joints[:, 7:]
+        if pelvis is not None:
+            root = np.concatenate([root[:, :3], _root(root[:, 3:], pelvis[:, 3:])], axis=1)
+    qpos = assemble(root[:, :3], root[:, 3:], joints, names)
     return [RawMotion(take_rate(content, "fps", options), qpos, bodies)]
 
 

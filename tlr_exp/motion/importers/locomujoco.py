@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from tlr_exp.motion.importers.raw import (
     Bodies,
     MotionFileError,
@@ -61,11 +63,11 @@ def _part(content: Mapping[str, Any], frames: int, options: Options) -> slice:
 
 
 def _bodies(content: Mapping[str, Any], frames: int) -> Bodies | None:
-    if "xpos" not in content or "body_names" not in content:
+    # What LocoMuJoCo was not asked to store is there as None, or as an array without elements.
+    positions = content.get("xpos")
+    if content.get("body_names") is None or not isinstance(positions, np.ndarray):
+        return None
+    if not positions.size:
         return None
     names = take_names(content, "body_names")
-    position = take(content, "xpos", None, None)
-    # LocoMuJoCo leaves out body positions by writing them with zero rows.
-    if position.shape[0] == 0:
-        return None
     return tracked(names, take(content, "xpos", len(names), 3, frames=frames))

@@ -1,4 +1,4 @@
-"""``.npz`` files as a mapping that reads an array only when asked for it, never a pickle."""
+"""``.npz`` files as a mapping that reads an array only when asked for it, and pickles as data."""
 
 import io
 import zipfile
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tlr_exp.motion.importers.raw import MotionFileError
+from tlr_exp.motion.importers.safe_pickle import load_pickle
 
 
 class NpzArrays(Mapping[str, Any]):
@@ -15,7 +16,7 @@ class NpzArrays(Mapping[str, Any]):
 
     Raises:
         MotionFileError: at construction, if it is no zip or unpacks to more than ``max_bytes``;
-            at look-up, if the array is damaged or made of Python objects.
+            at look-up, if the array is damaged, or made of Python objects other than texts.
     """
 
     def __init__(self, data: bytes, max_bytes: int) -> None:
@@ -35,7 +36,7 @@ class NpzArrays(Mapping[str, Any]):
             raise KeyError(key)
         try:
             with zipfile.ZipFile(io.BytesIO(self._data)) as archive:
-                return _read_array(key, archive.read(f"{key}.npy"))
+                return _read_array(archive.read(f"{key}.npy"))
         except MotionFileError:
             raise
         except Exception as error:
@@ -50,8 +51,11 @@ class NpzArrays(Mapping[str, Any]):
         return len(self._sizes)
 
 
-def _read_array(key: str, content: bytes) -> np.ndarray:
-    """An ``.npy`` file; its header is checked against its size before memory is set aside."""
+def _read_array(content: bytes) -> Any:
+    """An ``.npy`` file; its header is checked against its size before memory is set aside.
+
+    Arrays of objects are pickles: of texts they become lists, of None they become None.
+    """
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     read = {
@@ -60,10 +64,7 @@ def _read_array(key: str, content: bytes) -> np.ndarray:
     }[version]
     shape, fortran, dtype = read(file)
     if dtype.hasobject:
-        raise MotionFileError(
-            f"its array {key} holds pickled objects, which no motion needs: the file may be "
-            "malicious; nothing in it was run"
-        )
+        return load_pickle(content[file.tell() :], len(content))
     if 0 in shape:
         return np.empty(shape, dtype)
     flat = np.frombuffer(content, dtype=dtype, offset=file.tell())

@@ -15,7 +15,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -98,12 +98,15 @@ class _Array:
     """An array that its BUILD instruction fills; numpy's own state, or joblib's wrapper."""
 
     joblib: bool
-    array: np.ndarray = field(default_factory=lambda: np.empty(0))
+    array: Any = None
 
     def build(self, state: Any, file: io.BytesIO) -> None:
         if not self.joblib:
             _, shape, kind, fortran, raw = state
             order = "F" if fortran else "C"
+            if type(raw) is list:
+                self.array = _texts(raw)
+                return
         else:
             shape, kind, order = state["shape"], state["dtype"], state["order"]
             # The array's bytes stand behind the instruction, from joblib 1.2 on with padding.
@@ -114,6 +117,15 @@ class _Array:
                 size *= length
             raw = file.read(max(size, 0))
         self.array = _array(raw, kind, shape, order)
+
+
+def _texts(items: list[Any]) -> list[str] | None:
+    """What an array of Python objects may hold: texts, or the None that stands for nothing."""
+    if items == [None]:
+        return None
+    if not all(type(item) is str for item in items):
+        raise MotionFileError("it holds an array of objects that are no texts")
+    return items
 
 
 def _array(raw: Any, kind: Any, shape: Any, order: Any) -> np.ndarray:
@@ -222,7 +234,7 @@ def _encode(text: Any, codec: Any) -> bytes:
 def _plain(content: Any) -> Any:
     """Markers replaced by their arrays: of a motion, or of every motion in a dict of them."""
     if type(content) is not dict:
-        return content
+        return _array_of(content)
     return {
         name: _arrays(value) if type(value) is dict else _array_of(value)
         for name, value in content.items()
