@@ -92,3 +92,23 @@ def test_one_seed_gives_the_same_bits_twice_and_another_seed_others(
     assert first[0] == second[0]
     assert all(torch.equal(first[1][name], second[1][name]) for name in first[1])
     assert first[0] != other[0]
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("physics", ["native", "mjx"])
+def test_a_training_on_cuda_resumes_from_its_checkpoint(
+    tmp_path, settings_of, short_clip_path, physics
+):
+    if not torch.cuda.is_available():
+        pytest.skip("no CUDA device here")
+    changes = (f"env.motion={short_clip_path}", "device=cuda", f"physics={physics}")
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    first = Training(settings_of(*TINY, *changes, "scale.iterations=2"), run)
+    assert first.train().iteration == 2
+    resumed = Training(settings_of(*TINY, *changes), run)
+    assert resumed.done == 2
+    saved = first.trainer.ppo.actor.state_dict()
+    restored = resumed.trainer.ppo.actor.state_dict()
+    assert all(torch.equal(saved[name], restored[name]) for name in saved)
+    assert resumed.train().iteration == 3
+    assert np.isfinite(run.metrics()[-1][keys.STEP_REWARD])

@@ -1,7 +1,7 @@
 """Reward terms: each a pure function of one transition that returns its raw, unweighted value.
 
-Goal terms lie in (0, 1] and are 1 at perfect tracking; lower-layer terms are costs, at least 0,
-that enter the reward with a negative coefficient. Every term maps a ``Transition`` of
+Tracking terms lie in [0, 1] and are 1 at perfect tracking; all others are costs, at least 0, that
+enter the reward with a negative coefficient. Every term maps a ``Transition`` of
 ``num_envs`` environments to a float32 tensor [num_envs]. A coefficient or a weight has no place
 here: see ``tlr_exp.reward``.
 """
