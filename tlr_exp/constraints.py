@@ -107,6 +107,16 @@ CONSTRAINTS: Mapping[str, Constraint] = {
 }
 
 
+def check_choice(key: str, value: str, allowed: Sequence[str]) -> None:
+    """Refuse a value that is not among the choices; for parts built without a configuration.
+
+    Raises:
+        ValueError: names the key and the choices.
+    """
+    if value not in allowed:
+        raise ValueError(f"{key} is {value!r}; allowed are {', '.join(allowed)}")
+
+
 def violations(config: Mapping[str, Any]) -> list[str]:
     """One line for each value of ``config`` (nested plain data) that breaks its constraint.
 

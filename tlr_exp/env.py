@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from tlr_exp import g1, keys
-from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES
+from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES, check_choice
 from tlr_exp.mdp import observations, specs
 from tlr_exp.mdp.errors import tracking_errors
 from tlr_exp.mdp.resets import perturb
@@ -62,9 +62,9 @@ class TrackingEnv(EnvBase):
         failures: bool = True,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
-        _check_choice("env.observation", settings.observation, OBSERVATIONS)
-        _check_choice("env.action", settings.action, ACTIONS)
-        _check_choice("env.start_phase", settings.start_phase, START_PHASES)
+        check_choice("env.observation", settings.observation, OBSERVATIONS)
+        check_choice("env.action", settings.action, ACTIONS)
+        check_choice("env.start_phase", settings.start_phase, START_PHASES)
         _check_motion(reference, physics.control_dt, settings.reference_lead)
         self.physics = physics
         self.reference = reference
@@ -305,11 +305,6 @@ class TrackingEnv(EnvBase):
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))
         self._resume_pending = True
-
-
-def _check_choice(key: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{key} is {value!r}; allowed are {', '.join(allowed)}")
 
 
 def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:

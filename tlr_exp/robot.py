@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from tlr_exp.constraints import check_choice
 from tlr_exp.g1 import (
     COLLISION_SETS,
     EXTENDED_BODIES,
@@ -78,8 +79,8 @@ def build_robot(
         ValueError: an unknown choice, a file that MuJoCo cannot read, or a model that lacks a
             joint or a link (the message lists what the model has).
     """
-    _check_choice("env.robot.gains", gains, GAIN_SETS)
-    _check_choice("env.robot.collisions", collisions, COLLISION_SETS)
+    check_choice("env.robot.gains", gains, GAIN_SETS)
+    check_choice("env.robot.collisions", collisions, COLLISION_SETS)
     spec = load_spec(mjcf)
     _set_options(spec)
     if not visuals:
@@ -129,11 +130,6 @@ def load_spec(mjcf: str | Path | None = None) -> mujoco.MjSpec:
     if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in spec.body("pelvis").joints):
         raise ValueError(f"env.robot.mjcf: the pelvis of {path} has no free joint")
     return spec
-
-
-def _check_choice(key: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise ValueError(f"{key} is {value!r}; allowed are {', '.join(allowed)}")
 
 
 def _check_present(path: Path, kind: str, needed: tuple[str, ...], present: list[str]) -> None:
