@@ -42,7 +42,8 @@ def test_one_per_cent_of_unstable_simulations_stops_the_run(training, monkeypatc
     poison(training.env.physics, [3], monkeypatch)
     with pytest.raises(UnstableSimulationError, match="in iteration 1 1 of 16") as error:
         training.train()
-    saved = np.load(training.run.path / "unstable_iteration_1.npz")
+    with np.load(training.run.path / "unstable_iteration_1.npz") as file:
+        saved = dict(file)
     assert str(training.run.path) in str(error.value)
     assert saved["qpos"].shape == (1, 30)
     assert saved["action"].shape == (1, 23)

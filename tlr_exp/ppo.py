@@ -4,6 +4,7 @@ What it learns from is a batch [num_envs, num_steps] whose ``("next", "reward")`
 composed; how, it does not know.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +65,8 @@ class Ppo:
             average_gae=False,
             vectorized=False,
             deactivate_vmap=True,
+            # Environments at a time: the critic's activations for 4096 at once take a gigabyte.
+            value_chunk_size=512,
         )
         self.loss = ClipPPOLoss(
             actor,
@@ -123,11 +126,11 @@ class Ppo:
             *("action_log_prob", "loc", "scale", "advantage", "value_target", "state_value"),
         ]
 
-    def _minibatches(self, samples: TensorDictBase) -> list[TensorDictBase]:
+    def _minibatches(self, samples: TensorDictBase) -> Iterator[TensorDictBase]:
         order = torch.randperm(len(samples), generator=self.generator)
         # Unlike chunk, this makes as many parts as asked for, whatever the number of samples.
-        chunks = order.tensor_split(self.settings.num_minibatches)
-        return [samples[chunk.to(samples.device)] for chunk in chunks]
+        for part in order.tensor_split(self.settings.num_minibatches):
+            yield samples[part.to(samples.device)]
 
     def _update_once(self, minibatch: TensorDictBase, epoch: int) -> Tensor:
         losses = self.loss(minibatch)
