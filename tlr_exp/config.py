@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tlr_exp import keys
 from tlr_exp.constraints import violations
+from tlr_exp.motion.clips import motion_names
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
@@ -235,11 +236,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
 
 
 def _motion_problems(motion: str) -> Iterator[str]:
-    authored = sorted(
-        path.name.removesuffix(".yaml")
-        for path in files("tlr_exp.motion.clips").iterdir()
-        if path.name.endswith(".yaml")
-    )
+    authored = motion_names()
     if Path(motion).suffix in MOTION_FILES:
         if not Path(motion).is_file():
             yield f"env.motion: there is no file {motion}"

@@ -13,10 +13,11 @@ import numpy as np
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, kinematics_error
+from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.importers.convert import CLAMP_RAD, Imported, import_motion
 from tlr_exp.motion.importers.detect import READERS
 from tlr_exp.motion.importers.raw import Options
-from tlr_exp.motion.keyframes import load_motion, motion_names
+from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.quaternions import angle_between
 from tlr_exp.robot import build_robot
 

@@ -22,6 +22,7 @@ from tlr_exp.motion.balance import (
     plan_com,
 )
 from tlr_exp.motion.clip import MotionClip, check_consistency, clip_from_qpos
+from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import sole_points
 from tlr_exp.motion.plan import MotionPlan
@@ -62,12 +63,6 @@ def load_motion(name_or_path: str | Path, robot: Robot) -> MotionClip:
         return _cached_clip(text, robot)
     except KeyframeError as error:
         raise KeyframeError(f"{name_or_path}: {error}") from error
-
-
-def motion_names() -> list[str]:
-    """The names of the authored motions."""
-    found = (entry.name for entry in files("tlr_exp.motion.clips").iterdir())
-    return sorted(name.removesuffix(".yaml") for name in found if name.endswith(".yaml"))
 
 
 def build_clip(text: str, robot: Robot) -> MotionClip:
