@@ -14,11 +14,13 @@ from torchrl.collectors import Collector
 from tlr_exp import g1, keys
 from tlr_exp.config import ConfigError, instantiate
 from tlr_exp.env import TrackingEnv
+from tlr_exp.landscape import BoxSample
 from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
 from tlr_exp.motion.clip import MotionClip, resample
 from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.reference import Reference
 from tlr_exp.networks import build_actor, build_critic
+from tlr_exp.objective import Objective
 from tlr_exp.ppo import Ppo
 from tlr_exp.reward import RewardSplit
 from tlr_exp.robot import Robot, build_robot
@@ -126,8 +128,10 @@ def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
     """The training iteration over ``env``; starts (or after a restoration resumes) its episodes."""
     split = build_split(settings)
     collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
-    weight_optimizer = build_weight_optimizer(settings, split)
-    return Trainer(collect, split, weight_optimizer, ppo, settings.scale.num_envs)
+    objective = instantiate(settings.reward.objective)
+    weight_optimizer = build_weight_optimizer(settings, split, objective)
+    box_sample = BoxSample(len(split.optimizing_names), objective)
+    return Trainer(collect, split, weight_optimizer, box_sample, ppo, settings.scale.num_envs)
 
 
 def build_collect(
@@ -161,12 +165,12 @@ def build_collect(
     return collect
 
 
-def build_weight_optimizer(settings: Settings, split: RewardSplit):
+def build_weight_optimizer(settings: Settings, split: RewardSplit, objective: Objective):
     """The lower layer's optimizer; it works on the CPU, where its small tensors are fastest."""
     return instantiate(
         settings.optimizer,
         num_terms=len(split.optimizing_names),
-        objective=instantiate(settings.reward.objective),
+        objective=objective,
         seed=Seeds.of(settings.seed).weights,
         device="cpu",
     )

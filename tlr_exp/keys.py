@@ -87,6 +87,7 @@ DISTANCE_LIMIT = "train/distance_limit_m"  # beyond which a body ends an episode
 OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)
 OBJECTIVE_AFTER = "train/objective_after"  # J at the weights in use
 OPTIMAL_SHARE = "train/optimal_share"  # share of the pack that reaches the best J
+BOX_OPTIMAL_SHARE = "train/box_optimal_share"  # share of the weight box with minimal J
 STEP_REWARD = "train/step_reward"  # mean composed reward of a control step
 PPO_PREFIX = "ppo/"
 WEIGHT_PREFIX = "weight/"

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from tlr_exp import keys
 from tlr_exp.episodes import EpisodeLengths
+from tlr_exp.landscape import BoxSample
 from tlr_exp.optimizers.protocol import WeightOptimizer, WeightUpdate
 from tlr_exp.ppo import Ppo, PpoDiagnostics
 from tlr_exp.reward import RewardSplit
@@ -26,6 +27,7 @@ class Trainer:
         collect: returns a batch [num_envs, num_steps] of the present policy.
         split: the two layers of the reward.
         weight_optimizer: finds the lower layer's weights of each iteration.
+        box_sample: tells how much of the weight box is optimal; it decides nothing.
         ppo: the learner.
         num_envs: number of environments in a batch.
     """
@@ -35,12 +37,14 @@ class Trainer:
         collect: Callable[[], TensorDictBase],
         split: RewardSplit,
         weight_optimizer: WeightOptimizer,
+        box_sample: BoxSample,
         ppo: Ppo,
         num_envs: int,
     ) -> None:
         self.collect = collect
         self.split = split
         self.weight_optimizer = weight_optimizer
+        self.box_sample = box_sample
         self.ppo = ppo
         self.episodes = EpisodeLengths(num_envs)
         self.env_steps = 0
@@ -55,20 +59,27 @@ class Trainer:
         with self._timed("collect"):
             batch = self.collect()
         terms = batch["next", keys.REWARD_TERMS]
+        returns = self.split.returns(terms)
         with self._timed("weights"):
-            found = self.weight_optimizer.update(*self.split.returns(terms))
+            found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
             self.ppo.estimate_advantages(batch)
         with self._timed("update"):
             diagnostics = self.ppo.update(batch)
+        with self._timed("landscape"):
+            box_share = self.box_sample.optimal_share(*returns, found.objective)
 
         self.env_steps += batch.numel()
         self.episodes.add(batch["next", keys.DONE].squeeze(-1))
-        return self._metrics(batch, found, diagnostics)
+        return self._metrics(batch, found, box_share, diagnostics)
 
     def _metrics(
-        self, batch: TensorDictBase, found: WeightUpdate, diagnostics: PpoDiagnostics
+        self,
+        batch: TensorDictBase,
+        found: WeightUpdate,
+        box_share: float,
+        diagnostics: PpoDiagnostics,
     ) -> dict[str, float]:
         after = batch.to_dict()["next"]
         return {
@@ -81,6 +92,7 @@ class Trainer:
             keys.OBJECTIVE_BEFORE: found.baseline_objective,
             keys.OBJECTIVE_AFTER: found.objective,
             keys.OPTIMAL_SHARE: found.optimal_share,
+            keys.BOX_OPTIMAL_SHARE: box_share,
             keys.STEP_REWARD: after[keys.REWARD].mean().item(),
             **_named(keys.REWARD_TERM_PREFIX, self.split.term_names, _mean_terms(after)),
             **_named(keys.WEIGHT_PREFIX, self.split.optimizing_names, found.weights),
