@@ -1,8 +1,11 @@
-"""Starting and ending the live mirror of a run in MLflow, without importing MLflow.
+"""Starting and ending the live mirror of a run or a sweep in MLflow, without importing MLflow.
 
 Training only appends to its run directory. The mirror is a process of its own
-(`python -m tlr_exp.sync RUN --follow PID`, see tlr_exp.sync) at a low priority, so that neither
+(`python -m tlr_exp.sync FOLDER --follow PID`, see tlr_exp.sync) at a low priority, so that neither
 MLflow's import nor a tracking server that is slow, locked or away can hold training up.
+
+A sweep has one mirror, which brings the runs of all its jobs over: importing MLflow costs seconds
+of processor time, so the jobs start none of their own (`Mirror.start` with no URI).
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.sweep_directory import SweepDirectory
 
 LOG = "sync.log"
 STORE = "mlflow.db"
@@ -79,34 +83,46 @@ def hide_password(uri: str) -> str:
 
 
 class Mirror:
-    """The process that brings a run into MLflow while it trains. Starting costs milliseconds."""
+    """The process that brings a run, or a sweep with its runs, into MLflow while it goes on.
+
+    Starting costs milliseconds.
+    """
 
     def __init__(
-        self, run: RunDirectory, uri: str | None, experiment: str, process: subprocess.Popen | None
+        self,
+        source: RunDirectory | SweepDirectory,
+        uri: str | None,
+        experiment: str,
+        process: subprocess.Popen | None,
     ) -> None:
-        self._run, self._uri, self._experiment, self._process = run, uri, experiment, process
+        self._path, self._uri, self._experiment = source.path, uri, experiment
+        self._process = process
 
     @classmethod
-    def start(cls, run: RunDirectory, tracking_uri: str | None, experiment: str) -> Mirror:
-        """Start the mirror of `run`, trained by this process; `tracking_uri` None means none.
+    def start(
+        cls, source: RunDirectory | SweepDirectory, tracking_uri: str | None, experiment: str
+    ) -> Mirror:
+        """Start the mirror of the run or the sweep of this process; `tracking_uri` None means none.
 
+        A sweep must have begun (`SweepDirectory.begin`). The mirror ends after this process has
+        given `source` a final status, or is gone; and, of a sweep, no run of it trains any more.
         A mirror that cannot be started is logged and never an error: `finish` then says False.
 
         Raises:
             ValueError: the URI is of no usable kind.
         """
         if tracking_uri is None:
-            return cls(run, None, experiment, None)
+            return cls(source, None, experiment, None)
         uri = check_tracking_uri(tracking_uri)
         process = None
         try:
-            process = _launch(run.path, uri, experiment)
+            process = _launch(source.path, uri, experiment)
         except OSError as error:
-            _log.warning("the run is not mirrored to MLflow while it trains: %s", error)
-        return cls(run, uri, experiment, process)
+            _log.warning("%s is not mirrored to MLflow while it trains: %s", source.path, error)
+        return cls(source, uri, experiment, process)
 
     def finish(self, timeout_s: float = 30.0) -> bool:
-        """Wait for the mirror after the run's status is final; whether all reached MLflow.
+        """Wait for the mirror after the final status was written; whether all reached MLflow.
 
         Past `timeout_s` the mirror is left to go on by itself (it ends within about a minute), and
         the answer is False. With tracking off it is True.
@@ -123,20 +139,20 @@ class Mirror:
 
     @property
     def sync_command(self) -> str:
-        """The command line that brings the run over by hand, for the message when it did not."""
+        """The command line that brings all over by hand, for the message when it did not."""
         store = ["--tracking-uri", hide_password(self._uri)] if self._uri else []
         name = ["--experiment", self._experiment]
-        return shlex.join(["tlr-sync", str(self._run.path), *store, *name])
+        return shlex.join(["tlr-sync", str(self._path), *store, *name])
 
 
-def _launch(run: Path, uri: str, experiment: str) -> subprocess.Popen:
-    arguments = [str(run), "--follow", str(os.getpid()), "--experiment", experiment]
+def _launch(folder: Path, uri: str, experiment: str) -> subprocess.Popen:
+    arguments = [str(folder), "--follow", str(os.getpid()), "--experiment", experiment]
     # The URI goes by the environment: it may hold a password, and command lines are public.
     environment = {**os.environ, URI_VARIABLE: uri, "OMP_NUM_THREADS": "1"}
-    with open(run / LOG, "ab") as log:
+    with open(folder / LOG, "ab") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "tlr_exp.sync", *arguments],
-            cwd=run,
+            cwd=folder,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=log,

@@ -24,6 +24,7 @@ from typing import Any
 
 from tlr_exp import __version__
 from tlr_exp.records import provenance
+from tlr_exp.records.locks import ELSEWHERE, hold, is_held
 from tlr_exp.records.metrics_file import (
     append_metrics,
     last_of_each_iteration,
@@ -38,7 +39,6 @@ EVALUATIONS = "eval"
 RUNNING, FINISHED, FAILED, INTERRUPTED = "running", "finished", "failed", "interrupted"
 STATUSES = (RUNNING, FINISHED, FAILED, INTERRUPTED)
 
-ELSEWHERE = "Give a folder that can be written and has room."
 _LAYOUT = "A run directory holds manifest.json, config.yaml, metrics.jsonl and checkpoints/"
 
 
@@ -157,7 +157,7 @@ class RunDirectory:
         self._write_manifest({**self.manifest, **process, **extra, "status": status})
 
     def _write_manifest(self, manifest: dict[str, Any]) -> None:
-        text = json.dumps({**manifest, "updated_at": _now()}, indent=2, ensure_ascii=False)
+        text = json.dumps({**manifest, "updated_at": utc_now()}, indent=2, ensure_ascii=False)
         atomic_write(self.path / MANIFEST, (text + "\n").encode())
 
     # --- one process at a time ---------------------------------------------------------------
@@ -169,35 +169,19 @@ class RunDirectory:
             RunDirectoryError: another process holds it, still after `timeout_s` seconds.
             StorageError: the lock file cannot be made.
         """
-        import filelock
 
-        file_lock = filelock.FileLock(self.path / LOCK)
-        with storage_errors(f"cannot lock {self.path}", ELSEWHERE):
-            try:
-                file_lock.acquire(timeout=timeout_s, poll_interval=0.02)
-            except filelock.Timeout:
-                raise RunDirectoryError(
-                    f"{self.path} is in use by another process (the manifest says pid "
-                    f"{self.manifest.get('pid')}): wait for it, stop it, or start a new run"
-                ) from None
-        try:
+        def in_use() -> RunDirectoryError:
+            return RunDirectoryError(
+                f"{self.path} is in use by another process (the manifest says pid "
+                f"{self.manifest.get('pid')}): wait for it, stop it, or start a new run"
+            )
+
+        with hold(self.path / LOCK, in_use, timeout_s):
             yield
-        finally:
-            file_lock.release()
 
     def is_live(self) -> bool:
         """Whether a process holds `lock` now, by trying it for an instant."""
-        import filelock
-
-        if not (self.path / LOCK).exists():
-            return False
-        try:
-            with filelock.FileLock(self.path / LOCK).acquire(timeout=0):
-                return False
-        except filelock.Timeout:
-            return True
-        except OSError:  # read-only media: nobody trains there
-            return False
+        return is_held(self.path / LOCK)
 
     # --- metrics -----------------------------------------------------------------------------
     @property
@@ -255,7 +239,7 @@ def _new_manifest(
         "name": name,
         "identity": identity,
         "status": RUNNING,
-        "created_at": _now(),
+        "created_at": utc_now(),
         "pid": os.getpid(),
         "command": _command(),
         "seed": config.get("seed"),
@@ -281,5 +265,6 @@ def _command() -> str:
     return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
-def _now() -> str:
+def utc_now() -> str:
+    """The time of now as the records hold it: ISO 8601, UTC, microseconds."""
     return datetime.now(UTC).isoformat(timespec="microseconds")

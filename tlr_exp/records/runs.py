@@ -12,7 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.records.run_directory import ELSEWHERE, MANIFEST, RunDirectory, RunDirectoryError
+from tlr_exp.records.locks import ELSEWHERE
+from tlr_exp.records.run_directory import MANIFEST, RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import storage_errors
 
 ARTIFACTS = "mlartifacts"  # where a local MLflow store beside the runs keeps its files
