@@ -21,10 +21,16 @@ from typing import Any
 
 import torch
 
+from tlr_exp.records.checkpoint_files import (
+    SCORES,
+    SUFFIX,
+    best_iteration,
+    checkpoint_iterations,
+    checkpoint_path,
+    read_scores,
+)
 from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
-_SUFFIX = ".pt"
-_SCORES = "scores.json"
 _UNREADABLE = (
     OSError,
     EOFError,
@@ -99,12 +105,11 @@ class CheckpointStore:
 
     def path_of(self, iteration: int) -> Path:
         """Where the checkpoint of `iteration` lies or would lie."""
-        return self.directory / f"{iteration:06d}{_SUFFIX}"
+        return checkpoint_path(self.directory, iteration)
 
     def iterations(self) -> list[int]:
         """The iterations that have a checkpoint, ascending."""
-        names = (path.stem for path in self.directory.glob(f"*{_SUFFIX}"))
-        return sorted(int(name) for name in names if name.isdecimal())
+        return checkpoint_iterations(self.directory)
 
     def latest(self) -> Path | None:
         """The newest checkpoint file, None where there is none."""
@@ -113,7 +118,7 @@ class CheckpointStore:
 
     def best(self) -> Path | None:
         """The file with the highest score, None where no checkpoint has a score."""
-        iteration = self._best_iteration()
+        iteration = best_iteration(self.directory)
         return None if iteration is None else self.path_of(iteration)
 
     def latest_valid(
@@ -138,18 +143,8 @@ class CheckpointStore:
         return None
 
     # --- scores and deletion -----------------------------------------------------------------
-    def _scores(self) -> dict[int, float]:
-        try:
-            scores = json.loads((self.directory / _SCORES).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError) as error:
-            _log.warning("cannot read %s, so no checkpoint counts as best: %s", _SCORES, error)
-            return {}
-        return {int(iteration): float(score) for iteration, score in scores.items()}
-
     def _write_score(self, iteration: int, score: float | None) -> None:
-        before = self._scores()
+        before = read_scores(self.directory)
         present = set(self.iterations())
         scores = {key: value for key, value in before.items() if key in present}
         scores.pop(iteration, None)
@@ -157,23 +152,19 @@ class CheckpointStore:
             scores[iteration] = float(score)
         if scores != before:
             text = json.dumps({str(key): scores[key] for key in sorted(scores)})
-            atomic_write(self.directory / _SCORES, text.encode())
-
-    def _best_iteration(self) -> int | None:
-        present = set(self.iterations())
-        scores = {key: score for key, score in self._scores().items() if key in present}
-        return min(scores, key=lambda key: (-scores[key], key)) if scores else None
+            atomic_write(self.directory / SCORES, text.encode())
 
     def _prune(self) -> None:
         iterations = self.iterations()
-        kept = {*iterations[-self.keep_last :], *self.keep_iterations, self._best_iteration()}
+        best = best_iteration(self.directory)
+        kept = {*iterations[-self.keep_last :], *self.keep_iterations, best}
         for iteration in iterations:
             if iteration not in kept:
                 self.path_of(iteration).unlink(missing_ok=True)
 
     def _clear_rests(self) -> None:
         """Delete what a save that was killed left behind."""
-        for rest in self.directory.glob(temporary_name(Path(f"*{_SUFFIX}")).name):
+        for rest in self.directory.glob(temporary_name(Path(f"*{SUFFIX}")).name):
             with suppress(OSError):
                 rest.unlink()
 
