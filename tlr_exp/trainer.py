@@ -15,7 +15,7 @@ from torch import Tensor
 from tlr_exp import keys
 from tlr_exp.episodes import EpisodeLengths
 from tlr_exp.landscape import BoxSample
-from tlr_exp.optimizers.protocol import WeightOptimizer, WeightUpdate
+from tlr_exp.optimizers.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 from tlr_exp.ppo import Ppo, PpoDiagnostics
 from tlr_exp.reward import RewardSplit
 
@@ -58,9 +58,13 @@ class Trainer:
         """
         with self._timed("collect"):
             batch = self.collect()
+        self.env_steps += batch.numel()
+        self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         terms = batch["next", keys.REWARD_TERMS]
         returns = self.split.returns(terms)
+        progress = TrainingProgress(self.episodes.mean_length, num_steps=batch.shape[1])
         with self._timed("weights"):
+            self.weight_optimizer.observe(progress)
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
@@ -69,9 +73,6 @@ class Trainer:
             diagnostics = self.ppo.update(batch)
         with self._timed("landscape"):
             box_share = self.box_sample.optimal_share(*returns, found.objective)
-
-        self.env_steps += batch.numel()
-        self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         return self._metrics(batch, found, box_share, diagnostics)
 
     def _metrics(

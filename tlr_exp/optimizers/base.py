@@ -1,6 +1,7 @@
 """The part that all weight optimizers share: from returns to a `WeightUpdate`."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +9,7 @@ import torch
 from torch import Tensor
 
 from tlr_exp.objective import Objective, WeightFunction
-from tlr_exp.optimizers.protocol import WeightUpdate
+from tlr_exp.optimizers.protocol import TrainingProgress, WeightUpdate
 
 
 @dataclass(frozen=True)
@@ -18,14 +19,15 @@ class SearchResult:
     Attributes:
         position: the best position [dims].
         value: the function at `position`.
-        pack_values: the function at the last pack of positions [pack].
-        best_values: the best value so far after the first pack and after every iteration
-            [iterations + 1].
+        pack: the last pack of positions [pack, dims].
+        pack_values: the function at these positions [pack].
+        best_values: the best value so far after each batch of evaluations [batches].
         evaluations: positions at which the function was computed in order to choose.
     """
 
     position: Tensor
     value: float
+    pack: Tensor
     pack_values: Tensor
     best_values: Tensor
     evaluations: int
@@ -51,6 +53,9 @@ class SearchOptimizer(ABC):
         self.num_terms = num_terms
         self.objective = objective
         self.device = torch.device(device)
+
+    def observe(self, progress: TrainingProgress) -> None:  # noqa: B027 - most need not know
+        """Learn how the training goes, before an `update`. A search over J needs nothing of it."""
 
     @abstractmethod
     def search(self, objective_fn: WeightFunction) -> SearchResult:
@@ -101,6 +106,7 @@ def unsearched(weights: Tensor, objective_fn: WeightFunction) -> SearchResult:
     return SearchResult(
         position=weights,
         value=values.item(),
+        pack=weights[None],
         pack_values=values,
         best_values=values,
         evaluations=0,
@@ -114,6 +120,25 @@ def check_integer(name: str, value: object, minimum: int, reason: str = "") -> N
             f"{name} must be a whole number of at least {minimum}, got {value!r}"
             + (f": {reason}" if reason else "")
         )
+
+
+def check_flag(name: str, value: object) -> None:
+    """Refuse anything but true and false."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be true or false, got {value!r}")
+
+
+def check_number(name: str, value: object, low: float, high: float) -> None:
+    """Refuse anything but a number from `low` to `high`."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (is_number and low <= value <= high):
+        raise ValueError(f"{name} must be a number from {low:g} to {high:g}, got {value!r}")
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Refuse anything but one of `choices`."""
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {list(choices)}, got {value!r}")
 
 
 def check_state_names(state: dict[str, Any], expected: set[str]) -> None:

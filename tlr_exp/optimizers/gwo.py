@@ -1,16 +1,15 @@
 """The Grey Wolf Optimizer (Mirjalili, Mirjalili and Lewis 2014), the paper's Algorithm 1."""
 
 from collections.abc import Callable
-from typing import Literal, get_args
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from tlr_exp.objective import Objective, WeightFunction
-from tlr_exp.optimizers.base import SearchResult, check_integer
-from tlr_exp.optimizers.box import BoxOptimizer, uniform_positions
+from tlr_exp.optimizers.base import SearchResult, check_flag
+from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, best_first, first_pack
 
-TieBreak = Literal["first", "largest_norm"]
 NUM_LEADERS = 3  # alpha, beta and delta
 
 
@@ -52,44 +51,37 @@ def grey_wolf_search(
     Raises:
         ValueError: a setting outside its range, or a value that is not a number.
     """
-    check_search_settings(pack_size, iterations, tie_break)
-    pack = uniform_positions(lower, upper, pack_size, generator)
-    if start is not None:
-        pack[: len(start)] = start.to(pack).clamp(lower, upper)
-    values = _evaluate(objective_fn, pack)
+    tally = Tally(objective_fn, lower, upper, tie_break)
+    pack = first_pack(lower, upper, pack_size, generator, start)
+    values = tally(pack)
     leaders, leader_values = _leaders(pack, values, tie_break)
-    best_values = [leader_values[0]]
     for iteration in range(iterations):
         reach = 2.0 - 2.0 * iteration / iterations
         pack = _move(pack, leaders, reach, generator).clamp(lower, upper)
-        values = _evaluate(objective_fn, pack)
+        values = tally(pack)
         leaders, leader_values = _leaders(
             torch.cat([leaders, pack]), torch.cat([leader_values, values]), tie_break
         )
-        best_values.append(leader_values[0])
-    return SearchResult(
-        position=leaders[0].clone(),
-        value=leader_values[0].item(),
-        pack_values=values,
-        best_values=torch.stack(best_values),
-        evaluations=pack_size * (iterations + 1),
-    )
+    return tally.result(pack, values)
 
 
-class GreyWolfOptimizer(BoxOptimizer):
+class GreyWolfOptimizer(PackOptimizer):
     """Weights that minimise the objective, by a grey wolf search in every iteration.
 
     Args:
-        num_terms, objective, seed, device, lower, upper: see `BoxOptimizer`.
         pack_size: number of wolves, at least 3.
-        iterations: number of moves of the pack per training iteration, at least 1.
-        tie_break: which of equally good weights lead, see `grey_wolf_search`.
-        warm_start: the first wolf starts at the last iteration's weights; in the first iteration
-            at weights 1, clipped to the box.
+        persistent: the pack lives on: a search starts with the wolves where the last one left
+            them, the first of them at the weights it found. J is evaluated anew, as the
+            trajectories are others. At the end of a search the wolves stand close together; the
+            wide moves that the next one begins with spread them again.
+        Others: see `PackOptimizer`.
 
     Raises:
         ValueError: a setting outside its range.
     """
+
+    min_pack_size = NUM_LEADERS
+    why_min_pack_size = "the pack follows its best three wolves"
 
     def __init__(
         self,
@@ -98,46 +90,47 @@ class GreyWolfOptimizer(BoxOptimizer):
         seed: int,
         device: str | torch.device = "cpu",
         *,
-        lower: float = 0.0,
-        upper: float = 1.0,
-        pack_size: int = 30,
-        iterations: int = 50,
-        tie_break: TieBreak = "first",
-        warm_start: bool = False,
+        persistent: bool = False,
+        **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, lower=lower, upper=upper)
-        check_search_settings(pack_size, iterations, tie_break)
-        if not isinstance(warm_start, bool):
-            raise ValueError(f"warm_start must be true or false, got {warm_start!r}")
-        self.pack_size = pack_size
-        self.iterations = iterations
-        self.tie_break: TieBreak = tie_break
-        self.warm_start = warm_start
+        super().__init__(num_terms, objective, seed, device, **settings)
+        check_flag("persistent", persistent)
+        self.persistent = persistent
+        self.pack = self.lower.new_empty(0, num_terms)  # none before the first search
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
         """One grey wolf search with the settings of this optimizer."""
-        return grey_wolf_search(
-            objective_fn,
-            self.lower,
-            self.upper,
-            pack_size=self.pack_size,
-            iterations=self.iterations,
-            generator=self.generator,
-            tie_break=self.tie_break,
-            start=self.last_weights[None] if self.warm_start else None,
-        )
+        result = grey_wolf_search(objective_fn, **self.search_settings())
+        if self.persistent:
+            self.pack = torch.cat([result.position[None], result.pack[1:]])
+        return result
 
+    def start(self) -> Tensor | None:
+        """The last search's pack [pack_size, num_terms], or what a warm start begins with."""
+        return self.pack if len(self.pack) else super().start()
 
-def check_search_settings(pack_size: int, iterations: int, tie_break: str) -> None:
-    """Refuse settings with which no search can run.
+    def state_dict(self) -> dict[str, Any]:
+        """As `BoxOptimizer.state_dict`; with a persistent pack also that [pack_size, num_terms]."""
+        pack = {"pack": self.pack.clone()} if self.persistent else {}
+        return {**super().state_dict(), **pack}
 
-    Raises:
-        ValueError: names the setting and its allowed values.
-    """
-    check_integer("pack_size", pack_size, NUM_LEADERS, "the pack follows its best three wolves")
-    check_integer("iterations", iterations, 1)
-    if tie_break not in get_args(TieBreak):
-        raise ValueError(f"tie_break must be one of {list(get_args(TieBreak))}, got {tie_break!r}")
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue, bit for bit, from where `state_dict` was taken.
+
+        Raises:
+            ValueError: see `BoxOptimizer.load_state_dict`; or a pack of another size.
+        """
+        rest = dict(state)
+        if self.persistent and "pack" in rest:
+            pack = rest.pop("pack")
+            if pack.shape not in [(0, self.num_terms), (self.pack_size, self.num_terms)]:
+                raise ValueError(
+                    f"the saved pack has shape {tuple(pack.shape)}, this optimizer's is "
+                    f"({self.pack_size}, {self.num_terms}): resume with the settings it was "
+                    "saved with"
+                )
+            self.pack = pack.to(self.lower, copy=True)
+        super().load_state_dict(rest)
 
 
 def _move(pack: Tensor, leaders: Tensor, reach: float, generator: torch.Generator) -> Tensor:
@@ -151,17 +144,5 @@ def _move(pack: Tensor, leaders: Tensor, reach: float, generator: torch.Generato
 
 def _leaders(positions: Tensor, values: Tensor, tie_break: TieBreak) -> tuple[Tensor, Tensor]:
     """The best three positions [3, dims] and their values [3]; earlier rows win ties."""
-    if tie_break == "largest_norm":
-        by_norm = positions.norm(dim=1).argsort(descending=True, stable=True)
-        positions, values = positions[by_norm], values[by_norm]
-    best = values.argsort(stable=True)[:NUM_LEADERS]
+    best = best_first(positions, values, tie_break)[:NUM_LEADERS]
     return positions[best], values[best]
-
-
-def _evaluate(objective_fn: Callable[[Tensor], Tensor], pack: Tensor) -> Tensor:
-    """Values [pack]. A value that is not a number would lead or hide the pack: it is refused."""
-    values = objective_fn(pack)
-    if values.isnan().any():
-        bad = pack[values.isnan()][0].tolist()
-        raise ValueError(f"the objective is not a number at the weights {bad}")
-    return values

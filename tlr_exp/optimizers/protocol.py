@@ -28,8 +28,26 @@ class WeightUpdate:
     optimal_share: float
 
 
+@dataclass(frozen=True)
+class TrainingProgress:
+    """How far a training is when the weights of an iteration are chosen.
+
+    Attributes:
+        mean_episode_length: mean over the last finished episodes, control steps, those included
+            that ended in the batch of this iteration.
+        num_steps: control steps of each environment in this batch.
+    """
+
+    mean_episode_length: float
+    num_steps: int
+
+
 class WeightOptimizer(Protocol):
     """Chooses the weights of the optimizing terms, once per training iteration."""
+
+    def observe(self, progress: TrainingProgress) -> None:
+        """Learn how the training goes; called once before every `update`."""
+        ...
 
     def update(self, goal_return: Tensor, term_returns: Tensor) -> WeightUpdate:
         """Choose the weights for the trajectories of one iteration.
