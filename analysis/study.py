@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_float_dtype, is_integer_dtype
 
 from tlr_exp.keys import ITERATION
 
@@ -65,7 +68,7 @@ class Study:
             problems.append(f"baseline {self.baseline!r} is no arm; arms: {_list(names)}")
         if problems:
             raise StudyError("\n".join(problems))
-        object.__setattr__(self, "baseline", self.baseline or names[0])
+        object.__setattr__(self, "baseline", self.baseline or "".join(names[:1]))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property
@@ -123,7 +126,13 @@ def pretty_arm(arm: str) -> str:
     return _PRETTY.get(method, method) + comma + rest
 
 
-def arm_order(arms: pd.Series) -> tuple[str, ...]:
+def rows_of(frame: pd.DataFrame) -> dict[str, dict[str, Any]]:
+    """The rows of a frame by its index, as plain mappings; of a doubled index the last."""
+    rows: list[dict[Any, Any]] = pd.DataFrame(frame).to_dict("records")
+    return {str(name): row for name, row in zip(frame.index, rows, strict=True)}
+
+
+def arm_order(arms: Iterable[str]) -> tuple[str, ...]:
     """Each label once: those of the static reward first, then by name, numbers by size."""
 
     def key(label: str) -> tuple[bool, list[tuple[int, float, str]]]:
@@ -131,7 +140,7 @@ def arm_order(arms: pd.Series) -> tuple[str, ...]:
         ranks = [(0, float(p), "") if i % 2 else (1, 0.0, p) for i, p in enumerate(parts)]
         return label.partition(",")[0] != BASELINE_METHOD, ranks
 
-    return tuple(sorted((str(arm) for arm in arms.unique()), key=key))
+    return tuple(sorted({str(arm) for arm in arms}, key=key))
 
 
 # --- checks ----------------------------------------------------------------------------------
@@ -149,19 +158,15 @@ def _column_problems(runs: pd.DataFrame, curves: pd.DataFrame) -> Iterator[str]:
         yield "curves: there is no metric"
     yield from _typed(curves, "curves", metrics, "a float")
     for name, frame in (("runs", runs), ("curves", curves)):
-        for column in sorted(set(frame.columns[frame.columns.duplicated()])):
+        for column in sorted({str(each) for each in frame.columns[frame.columns.duplicated()]}):
             yield f"{name}: there are two columns {column}"
     if len(runs) == 0:
         yield "there is no run"
 
 
-def _typed(frame: pd.DataFrame, name: str, columns: object, kind: str) -> Iterator[str]:
-    is_kind = {
-        "text": _is_text,
-        "an integer": pd.api.types.is_integer_dtype,
-        "a float": pd.api.types.is_float_dtype,
-    }[kind]
-    for column in columns:  # type: ignore[attr-defined]
+def _typed(frame: pd.DataFrame, name: str, columns: Iterable[str], kind: str) -> Iterator[str]:
+    is_kind = {"text": _is_text, "an integer": is_integer_dtype, "a float": is_float_dtype}[kind]
+    for column in columns:
         if column not in frame.columns:
             yield f"{name}: the column {column} is missing"
         elif isinstance(frame[column], pd.Series) and not is_kind(frame[column]):
@@ -175,48 +180,48 @@ def _is_text(column: pd.Series) -> bool:
 def _run_problems(runs: pd.DataFrame) -> Iterator[str]:
     for name in runs.index[runs.index.duplicated()].unique():
         yield f"{name}: there are {int((runs.index == name).sum())} runs of this name"
-    for (arm, seed), group in runs.groupby(["arm", "seed"]):
+    for name, group in runs.groupby(["arm", "seed"]):
+        arm, seed = tuple(name)  # type: ignore[arg-type]
         if len(group) > 1:
             yield f"arm {arm!r} has seed {seed} {len(group)} times: {_list(group.index)}"
     for name, status in runs["status"].items():
         if status not in STATUSES:
             yield f"{name}: status {status!r}; it must be one of {_list(STATUSES)}"
-    counts = runs["iterations"].value_counts()
-    for name, count in runs["iterations"].items():
-        if count != counts.index[0]:
-            yield f"{name}: configured for {count} iterations, other runs for {counts.index[0]}"
+    usual = Counter(runs["iterations"].tolist()).most_common(1)[0][0]
+    for name, count in zip(runs.index, runs["iterations"].tolist(), strict=True):
+        if count != usual:
+            yield f"{name}: configured for {count} iterations, other runs for {usual}"
 
 
 def _curve_problems(runs: pd.DataFrame, curves: pd.DataFrame) -> Iterator[str]:
     for name in sorted(set(curves[RUN]) - set(runs.index)):
         yield f"{name}: has a curve, but is not among the runs"
     curve_of = dict(iter(curves.groupby(RUN, sort=False)))
-    for name, run in runs[~runs.index.duplicated()].iterrows():
+    for name, run in rows_of(runs).items():
         curve = curve_of.get(name)
         if curve is None:
             yield f"{name}: has no curve"
             continue
         for column in ("arm", "seed"):
-            if (curve[column] != run[column]).any():
+            if set(curve[column]) != {run[column]}:
                 yield f"{name}: {column} in its curve is not {run[column]!r}, as among the runs"
-        yield from iteration_problems(
-            str(name), curve[ITERATION].to_numpy(), int(run["iterations"]), run["status"]
-        )
+        found = curve[ITERATION].to_numpy()
+        yield from iteration_problems(name, found, run["iterations"], run["status"])
 
 
 def iteration_problems(name: str, found: np.ndarray, configured: int, status: str) -> Iterator[str]:
     """What is wrong with the iterations [T] of a run, which must be 1, 2, ... `configured`."""
     expected = np.arange(1, (configured if status == FINISHED else len(found)) + 1)
-    missing, count = np.setdiff1d(expected, found), np.unique(found, return_counts=True)
+    missing, (values, counts) = np.setdiff1d(expected, found), np.unique(found, return_counts=True)
     if len(missing):
         what = f"{_list(missing[:5])}{', ...' if len(missing) > 5 else ''}"
-        yield f"{name}: {status}, but {len(missing)} of {len(expected)} iterations lack: {what}"
-    if (count[1] > 1).any():
-        yield f"{name}: has iteration {count[0][count[1] > 1][0]} more than once"
+        yield f"{name}: {status}, but lacks {len(missing)} of {len(expected)} iterations: {what}"
+    if (counts > 1).any():
+        yield f"{name}: has iteration {values[counts > 1][0]} more than once"
     elif len(found) and (found.min() < 1 or found.max() > configured):
         outside = found[(found < 1) | (found > configured)][0]
         yield f"{name}: has iteration {outside}, outside 1 to {configured}"
 
 
-def _list(names: object) -> str:
-    return ", ".join(str(name) for name in names)  # type: ignore[attr-defined]
+def _list(names: Iterable[object]) -> str:
+    return ", ".join(map(str, names))

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
-from analysis.study import Study
+from analysis.study import Study, rows_of
 from tlr_exp import keys
 
 Curve = Callable[[np.ndarray], np.ndarray]  # progress in training (0, 1] [T] -> expected value [T]
@@ -84,7 +84,7 @@ def ar1(
     """[num_runs, num_iterations] of stationary AR(1) noise with standard deviation `std`."""
     shocks = generator.standard_normal((num_runs, num_iterations))
     shocks[:, 1:] *= np.sqrt(1.0 - rho**2)
-    return std * lfilter([1.0], [1.0, -rho], shocks, axis=1)
+    return std * np.asarray(lfilter([1.0], [1.0, -rho], shocks, axis=1))
 
 
 def make_study(
@@ -217,14 +217,15 @@ def write_run_directories(study: Study, root: Path) -> list[Path]:
     from tlr_exp.records.run_directory import RunDirectory
 
     paths = []
-    for name, run in study.runs.iterrows():
+    for name, run in rows_of(study.runs).items():
         tags = {key: run[key] for key in ("method", "scale", "device", "motion")}
         directory = RunDirectory.create(
-            root / str(name), json.loads(run["config"]), tags, run["identity"]
+            root / name, json.loads(run["config"]), tags, run["identity"]
         )
-        for _, row in study.curves[study.curves["run"] == name].iterrows():
+        curve = pd.DataFrame(study.curves[study.curves["run"] == name])
+        for row in curve.to_dict("records"):
             metrics = {metric: row[metric] for metric in study.metric_names}
-            directory.log(int(row[keys.ITERATION]), metrics)
+            directory.log(row[keys.ITERATION], metrics)
         directory.set_status(run["status"])
         paths.append(directory.path)
     return paths
