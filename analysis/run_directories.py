@@ -15,26 +15,38 @@ from analysis.study import StudyError
 from tlr_exp.keys import ITERATION
 
 MANIFEST, CONFIG, METRICS = "manifest.json", "config.yaml", "metrics.jsonl"
+SWEEP, JOBS = "sweep.json", "jobs"
 WALL_TIME = "wall_time"  # of a line of metrics; not a metric
 _NO_RUNS = ("mlartifacts", "checkpoints")  # folders with copies of manifests, or with no runs
 
 
-def from_run_directories(paths: str | Path | Iterable[str | Path]) -> list[RunRecord]:
-    """The runs at or below one path or several, by path, each once. Nothing is written or locked.
+def from_run_directories(
+    paths: str | Path | Iterable[str | Path], allow_unfinished: bool = False
+) -> list[RunRecord]:
+    """The runs that `paths` name, each once, by path. Nothing is written or locked.
+
+    A path is a run directory, a folder with runs somewhere below it, or the directory of a sweep
+    (runs_dir/STUDY/sweeps/NAME-ID), which stands for the runs of its jobs. Jobs that have no run
+    yet are passed over with `allow_unfinished`.
 
     Raises:
-        StudyError: a path is no run and holds none, or runs cannot be read; one line per problem.
+        StudyError: a path is no run and holds none, a job has no run, or runs cannot be read; one
+            line per problem.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     folders: dict[Path, None] = {}
     records, problems = [], []
     for path in map(Path, given):
-        found = find_run_directories(path)
+        if (path / SWEEP).is_file():
+            found, lacking = runs_of_sweep(path)
+            problems += [] if allow_unfinished else lacking
+        else:
+            found = find_run_directories(path)
         if not found:
             what = "holds no run directory" if path.is_dir() else "there is no such folder"
             problems.append(f"{path}: {what}")
         folders |= dict.fromkeys(found)
-    for folder in folders:
+    for folder in sorted(folders):
         try:
             records.append(read_run_directory(folder))
         except StudyError as error:
@@ -42,6 +54,28 @@ def from_run_directories(paths: str | Path | Iterable[str | Path]) -> list[RunRe
     if problems:
         raise StudyError("\n".join(problems))
     return records
+
+
+def runs_of_sweep(path: Path) -> tuple[list[Path], list[str]]:
+    """Run directories of a sweep's jobs, and a line for each job that has none.
+
+    Raises:
+        StudyError: a record is damaged; names it.
+    """
+    number = read_json(path / SWEEP).get("num_jobs")
+    files = {int(file.stem): file for file in (path / JOBS).glob("*.json") if file.stem.isdecimal()}
+    found, lacking = [], []
+    for num in sorted({*files, *range(number if isinstance(number, int) else 0)}):
+        job = read_json(files[num]) if num in files else {}
+        # The runs of a study lie beside its folder of sweeps, as sweeps can share them.
+        folder = path.resolve().parents[1] / str(job.get("run") or "")
+        if job.get("run") and (folder / MANIFEST).is_file():
+            found.append(folder)
+        else:
+            what = " ".join(map(str, job.get("overrides") or []))
+            reason = job.get("error") or job.get("status") or "not begun"
+            lacking.append(f"{path.name}: job {num} ({what}) has no run: {reason}")
+    return found, lacking
 
 
 def find_run_directories(root: Path) -> list[Path]:
@@ -61,7 +95,7 @@ def read_run_directory(folder: Path) -> RunRecord:
     Raises:
         StudyError: a file is missing or damaged; names it.
     """
-    manifest, config = _json(folder / MANIFEST), _yaml(folder / CONFIG)
+    manifest, config = read_json(folder / MANIFEST), read_yaml(folder / CONFIG)
     rows = [
         {name: value for name, value in row.items() if name != WALL_TIME}
         for row in read_metrics(folder / METRICS)
@@ -102,11 +136,11 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     return [rows[iteration] for iteration in sorted(rows)]
 
 
-def _json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
     return _mapping(path, json.loads, ValueError)
 
 
-def _yaml(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
     return _mapping(path, lambda text: yaml.load(text, Loader=_LOADER), yaml.YAMLError)
 
 
