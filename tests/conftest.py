@@ -4,6 +4,7 @@ The motion is synthetic, so that nothing here depends on the authored ones.
 """
 
 import copy
+import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -121,3 +122,19 @@ def make_ppo(settings_of) -> Callable[..., Ppo]:
         return build_learner(settings_of("ppo.hidden_sizes=[16]", *overrides).ppo, seed, critic)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty MLflow store, made once because that takes seconds; tests get copies."""
+    from tlr_exp.records.mlflow_store import open_client
+
+    database = tmp_path_factory.mktemp("store") / "mlflow.db"
+    open_client(f"sqlite:///{database}")
+    return database
+
+
+@pytest.fixture
+def database(made_store: Path, tmp_path: Path) -> Path:
+    """An empty MLflow store of the test's own."""
+    return Path(shutil.copy(made_store, tmp_path / "mlflow.db"))

@@ -2,24 +2,21 @@
 
 import itertools
 import os
-import shutil
 import signal
-import socket
-import sqlite3
 import subprocess
 import sys
 import textwrap
 import time
-import urllib.error
-import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from stores import free_port, server, sql, statuses, steps, wait_until
 
 from tlr_exp import sync
-from tlr_exp.records import mirror
+from tlr_exp.records import following, mirror
+from tlr_exp.records.following import WatchedProcess, follow, has_ended
 from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
@@ -28,7 +25,8 @@ from tlr_exp.records.mirror import (
     sqlite_path,
 )
 from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
-from tlr_exp.sync import WatchedProcess, follow, has_ended, main
+from tlr_exp.records.sources import found_below, store_of
+from tlr_exp.sync import main
 
 CLOSED_PORT = 9  # "discard": nothing listens there
 
@@ -36,21 +34,6 @@ CLOSED_PORT = 9  # "discard": nothing listens there
 @pytest.fixture(autouse=True)
 def no_environment_uri(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-
-
-@pytest.fixture(scope="module")
-def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty store, made once because that takes seconds; tests get copies."""
-    from tlr_exp.records.mlflow_store import open_client
-
-    database = tmp_path_factory.mktemp("store") / "mlflow.db"
-    open_client(f"sqlite:///{database}")
-    return database
-
-
-@pytest.fixture
-def database(made_store: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made_store, tmp_path / "mlflow.db"))
 
 
 def make_run(path: Path, lines: int = 3) -> RunDirectory:
@@ -62,28 +45,6 @@ def make_run(path: Path, lines: int = 3) -> RunDirectory:
 def log(run: RunDirectory, iterations: range) -> None:
     for iteration in iterations:
         run.log(iteration, {"train/loss": iteration / 3})
-
-
-def sql(database: Path, query: str) -> list[tuple]:
-    with closing(sqlite3.connect(database, timeout=20)) as connection:
-        return connection.execute(query).fetchall()
-
-
-def steps(database: Path) -> list[int]:
-    """Steps of the loss, as often as they are in the store."""
-    rows = sql(database, "SELECT step FROM metrics WHERE key = 'train/loss' ORDER BY step")
-    return [step for (step,) in rows]
-
-
-def statuses(database: Path) -> list[str]:
-    return [status for (status,) in sql(database, "SELECT status FROM runs")]
-
-
-def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
 
 
 # --- the command line ------------------------------------------------------------------------
@@ -136,7 +97,7 @@ def test_damaged_run_does_not_keep_the_others_back(
         (["{root}/empty"], "has no manifest.json"),
         (["{root}/a", "--tracking-uri", "mlruns"], "must be http://HOST:PORT, sqlite:///FILE"),
         (["{root}/a", "--tracking-uri", "sqlite://"], "name a file"),
-        (["{root}", "--follow", "1"], "--follow is for one run, not for 2"),
+        (["{root}", "--follow", "1"], "--follow is for one run or one sweep, not for 2"),
     ],
 )
 def test_wrong_arguments_are_status_two(
@@ -162,16 +123,16 @@ def test_store_is_the_one_given_or_of_the_environment_or_the_nearest(
     run = make_run(tmp_path / "runs" / "study" / "a")
     runs = tmp_path / "runs"
     below, above = f"sqlite:///{runs}/study/mlflow.db", f"sqlite:///{runs}/mlflow.db"
-    assert set(sync._runs([str(run.path)]).values()) == {run.path.parent}
-    assert set(sync._runs([str(runs), str(run.path)]).values()) == {runs}
+    assert set(found_below([str(run.path)]).values()) == {run.path.parent}
+    assert set(found_below([str(runs), str(run.path)]).values()) == {runs}
     (tmp_path / "mlflow.db").write_bytes(b"")  # too far above to be ours
-    assert sync._store_of(run, run.path.parent, None) == below
-    assert sync._store_of(run, runs, None) == above
+    assert store_of(run, run.path.parent, None) == below
+    assert store_of(run, runs, None) == above
     (runs / "mlflow.db").write_bytes(b"")
-    assert sync._store_of(run, run.path.parent, None) == above
+    assert store_of(run, run.path.parent, None) == above
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://server:5000")
-    assert sync._store_of(run, runs, None) == "http://server:5000"
-    assert sync._store_of(run, runs, below) == below
+    assert store_of(run, runs, None) == "http://server:5000"
+    assert store_of(run, runs, below) == below
 
 
 # --- URIs ------------------------------------------------------------------------------------
@@ -212,10 +173,10 @@ def test_passwords_are_hidden(uri: str, shown: str) -> None:
 @pytest.fixture
 def fast(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("TICK_S", "POLL_S"):
-        monkeypatch.setattr(sync, name, 0.001)
-    monkeypatch.setattr(sync, "GIVE_UP_S", 1.0)
-    monkeypatch.setattr(sync, "GIVE_UP_AT_ONCE_S", 0.05)
-    monkeypatch.setattr(sync, "LAST_WAIT_S", 0.01)
+        monkeypatch.setattr(following, name, 0.001)
+    monkeypatch.setattr(following, "GIVE_UP_S", 1.0)
+    monkeypatch.setattr(following, "GIVE_UP_AT_ONCE_S", 0.05)
+    monkeypatch.setattr(following, "LAST_WAIT_S", 0.01)
 
 
 @pytest.mark.usefixtures("fast")
@@ -305,12 +266,12 @@ def test_mirror_brings_a_run_over_while_it_trains(tmp_path: Path) -> None:
         live = Mirror.start(run, uri, "live")
         assert time.perf_counter() - start < 1.0
         wait_until(lambda: database.exists() and steps(database) == [0, 1, 2])
-        assert statuses(database) == ["RUNNING"]
+        assert statuses(database) == {"a": "RUNNING"}
         log(run, range(3, 8))
         run.set_status("finished")
         assert live.finish(timeout_s=60)
     assert steps(database) == list(range(8))
-    assert statuses(database) == ["FINISHED"]
+    assert statuses(database) == {"a": "FINISHED"}
     assert live.sync_command == f"tlr-sync {run.path} --tracking-uri {uri} --experiment live"
     assert {path.name for path in run.path.iterdir()} == {
         "config.yaml", "manifest.json", "metrics.jsonl", "run.lock", "sync.lock", "sync.log",
@@ -355,14 +316,14 @@ def test_killed_training_is_marked_and_its_resume_goes_on_in_the_same_run(
     with training(run.path, uri, 0, 20, "kill") as process:
         assert process.stdout is not None
         process.stdout.readline()
-        wait_until(lambda: statuses(database) == ["RUNNING"])
+        wait_until(lambda: statuses(database) == {"a": "RUNNING"})
         process.send_signal(signal.SIGKILL)
-    wait_until(lambda: statuses(database) == ["KILLED"])
+    wait_until(lambda: statuses(database) == {"a": "KILLED"})
     assert steps(database) == list(range(21))
     # The last checkpoint was that of iteration 10.
     with training(run.path, uri, 11, 30, "finished") as process:
         assert process.communicate()[0] == "True\n"
-    assert statuses(database) == ["FINISHED"]
+    assert statuses(database) == {"a": "FINISHED"}
     assert steps(database) == list(range(31))
 
 
@@ -373,10 +334,10 @@ def test_resume_of_an_interrupted_run_is_mirrored_from_its_start(
     run = make_run(tmp_path / "a", lines=5)
     with training(run.path, f"sqlite:///{database}", 5, 5, "interrupted") as process:
         assert process.communicate()[0] == "True\n"
-    assert statuses(database) == ["KILLED"]
+    assert statuses(database) == {"a": "KILLED"}
     with training(run.path, f"sqlite:///{database}", 5, 6, "finished") as process:
         assert process.communicate()[0] == "True\n"
-    assert statuses(database) == ["FINISHED"]
+    assert statuses(database) == {"a": "FINISHED"}
     assert steps(database) == list(range(7))
 
 
@@ -396,7 +357,7 @@ def test_killed_mirror_is_made_up_for_by_hand(tmp_path: Path, database: Path) ->
     assert main([str(run.path), "--tracking-uri", uri]) == 0
     assert steps(database) == list(range(400))
     assert sql(database, "SELECT count(*) FROM metrics") == [(400 * 42,)]
-    assert statuses(database) == ["FINISHED"]
+    assert statuses(database) == {"a": "FINISHED"}
 
 
 def test_mirror_keeps_to_itself(tmp_path: Path) -> None:
@@ -472,41 +433,11 @@ def test_full_disk_does_not_end_the_mirror(tmp_path: Path, database: Path) -> No
 
 
 # --- a tracking server -----------------------------------------------------------------------
-@contextmanager
-def server(folder: Path, port: int) -> Iterator[str]:
-    command = [
-        sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port),
-        "--workers", "1", "--backend-store-uri", f"sqlite:///{folder}/mlflow.db",
-        "--artifacts-destination", str(folder / "artifacts"),
-    ]  # fmt: skip
-    with open(folder / "server.log", "ab") as log_file:
-        process = subprocess.Popen(
-            command, cwd=folder, start_new_session=True, stdout=log_file, stderr=log_file
-        )
-    uri = f"http://127.0.0.1:{port}"
-    try:
-        wait_until(lambda: _answers(f"{uri}/health"), timeout_s=120)
-        yield uri
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def _answers(url: str) -> bool:
-    try:
-        with urllib.request.urlopen(url, timeout=2) as answer:
-            return answer.status == 200
-    except (urllib.error.URLError, OSError):
-        return False
-
-
 @pytest.mark.slow
 def test_server_that_comes_and_goes_gets_everything_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"http://127.0.0.1:{port}")
     (tmp_path / "server").mkdir()
     run, database = make_run(tmp_path / "runs" / "a"), tmp_path / "server" / "mlflow.db"
@@ -526,5 +457,5 @@ def test_server_that_comes_and_goes_gets_everything_once(
             assert live.finish(timeout_s=60)
             assert main([str(run.path)]) == 0
     assert steps(database) == list(range(9))
-    assert statuses(database) == ["FINISHED"]
+    assert statuses(database) == {"a": "FINISHED"}
     assert len(list((tmp_path / "server" / "artifacts").rglob("result.json"))) == 1

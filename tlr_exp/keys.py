@@ -94,3 +94,4 @@ WEIGHT_PREFIX = "weight/"
 REWARD_TERM_PREFIX = "reward_term/"
 TIME_PREFIX = "time/"
 EVAL_PREFIX = "eval/"
+FINAL_PREFIX = "final/"  # in MLflow alone: one number per finished run (records/final_metrics.py)

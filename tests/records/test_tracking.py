@@ -4,7 +4,6 @@ import errno
 import json
 import math
 import os
-import shutil
 import socket
 import sqlite3
 import subprocess
@@ -18,6 +17,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stores import sql, steps
 
 from tlr_exp.records import mlflow_store, tracking
 from tlr_exp.records.mlflow_names import flat_parameters, mlflow_status, plain_name, run_tags
@@ -33,19 +33,6 @@ from tlr_exp.records.tracking import RunUpload, sync_run
 CONFIG = {"seed": 3, "ppo": {"gamma": 0.99, "hidden": [512, 256]}, "note": None, "empty": ""}
 TAGS = {"method": "gwo", "scale": "demo", "device": "cpu"}
 FAR = "tlr_exp_test"
-
-
-@pytest.fixture(scope="session")
-def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty store, made once because that takes seconds; tests get copies."""
-    database = tmp_path_factory.mktemp("store") / "mlflow.db"
-    open_client(f"sqlite:///{database}")
-    return database
-
-
-@pytest.fixture
-def database(made_store: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copy(made_store, tmp_path / "mlflow.db"))
 
 
 @pytest.fixture
@@ -67,17 +54,6 @@ def make_run(path: Path, lines: int = 0) -> RunDirectory:
 def log(run: RunDirectory, iterations: range, value: float = 0.5) -> None:
     for iteration in iterations:
         run.log(iteration, {"train/loss": value + iteration, "weight/torque[0]": value})
-
-
-def sql(database: Path, query: str) -> list[tuple]:
-    with closing(sqlite3.connect(database, timeout=20)) as connection:
-        return connection.execute(query).fetchall()
-
-
-def steps(database: Path, name: str = "train/loss") -> list[int]:
-    """Steps of a metric in the order of steps, as often as they are in the store."""
-    rows = sql(database, f"SELECT step FROM metrics WHERE key = '{name}' ORDER BY step")
-    return [step for (step,) in rows]
 
 
 # --- what arrives ----------------------------------------------------------------------------
@@ -521,6 +497,7 @@ def test_tags_of_an_old_or_foreign_manifest() -> None:
     assert run_tags({"run_id": "1"}, "finished") == {
         "tlr_exp.run_id": "1",
         "tlr_exp.status": "finished",
+        "kind": "run",
     }
     tags = run_tags({"run_id": "1", "git": {"commit": "abc", "dirty": True}}, "failed")
     assert (tags["git_commit"], tags["git_dirty"]) == ("abc", "true")

@@ -24,6 +24,8 @@ from tlr_exp.records.sweep_directory import SweepDirectory
 LOG = "sync.log"
 STORE = "mlflow.db"
 URI_VARIABLE = "MLFLOW_TRACKING_URI"
+LIMIT_VARIABLE = "TLR_SYNC_MAX_FILE_MB"
+MAX_FILE_MB = 64.0  # larger checkpoints and videos stay in the run directory (0: all of them)
 
 _SQLITE = "sqlite:///"
 _SCHEMES = ("http", "https", "sqlite", "postgresql", "mysql", "mssql")

@@ -1,5 +1,7 @@
 """How a run's configuration and manifest are called in MLflow: parameters, tags, metric names.
 
+Those of a sweep's run are in sweep_page.py.
+
 Pure functions on plain data, within MLflow's limits on characters and lengths.
 """
 
@@ -15,6 +17,10 @@ from tlr_exp.records.run_directory import FAILED, FINISHED, RUNNING
 RUN_ID_TAG = "tlr_exp.run_id"
 STATUS_TAG = "tlr_exp.status"
 FILES_TAG = "tlr_exp.files"
+KIND_TAG = "kind"  # "run" or "sweep"
+SWEEP_TAG = "sweep"  # of a sweep its directory's name; of a run those of all that it belongs to
+PARENT_TAG = "mlflow.parentRunId"
+KIND_RUN, KIND_SWEEP = "run", "sweep"
 
 _MAX_NAME, _MAX_PARAM, _MAX_TAG = 250, 6000, 5000
 _FORBIDDEN = re.compile(r"[^\w\-./: ]")
@@ -47,6 +53,7 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
     tags: dict[str, Any] = {
         RUN_ID_TAG: manifest["run_id"],
         STATUS_TAG: status,
+        KIND_TAG: KIND_RUN,
         "identity": manifest.get("identity"),
         "seed": manifest.get("seed"),
         "device": machine.get("device"),
@@ -63,6 +70,11 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
     }
     tags |= {f"version.{name}": text for name, text in (manifest.get("packages") or {}).items()}
     tags |= manifest.get("tags") or {}
+    return plain_tags(tags)
+
+
+def plain_tags(tags: Mapping[str, Any]) -> dict[str, str]:
+    """`tags` within MLflow's limits, without those that are None."""
     known = {name: value for name, value in tags.items() if value is not None}
     return {plain_name(name): _text(value)[:_MAX_TAG] for name, value in known.items()}
 

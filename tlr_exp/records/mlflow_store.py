@@ -43,6 +43,7 @@ with warnings.catch_warnings():  # what MLflow does with its own libraries is no
 __all__ = [
     "Metric",
     "MlflowClient",
+    "MlflowException",
     "Param",
     "Run",
     "RunTag",
