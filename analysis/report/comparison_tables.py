@@ -1,0 +1,249 @@
+"""Tables of how two arms compare: claims, the paper's protocol, seeds, tests, speed."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.endpoints import area_under_curve, final_value, iterations_to_reach, tail_mean
+from analysis.figures.series import quantity
+from analysis.report.cells import (
+    MISSING,
+    NBSP,
+    Table,
+    interval_text,
+    number,
+    p_text,
+    p_value_text,
+)
+from analysis.report.claims import Claim, Finding
+from analysis.report.evidence import Evidence
+from analysis.statistics.comparison import Comparison
+from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
+from analysis.statistics.significance import holm
+from tlr_exp import keys
+
+Reduction = Callable[[np.ndarray, np.ndarray], np.ndarray]  # curves [n, T], iterations -> [n]
+
+TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
+EVALUATION = tuple(
+    keys.EVAL_PREFIX + name for name in ("upper_body_error_m", "lower_body_error_m", "survival")
+)
+SMOOTHING_SHARE = 0.02  # of training, before a curve is held against a level
+_DIGITS = {"m": 4, "control steps": 1}  # of a value in this unit; other values have three
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One metric at one endpoint, compared over the seeds, unpaired and (if possible) paired."""
+
+    metric: str
+    endpoint: str
+    unpaired: Comparison
+    paired: Comparison | None
+
+    @property
+    def name(self) -> str:
+        return f"{quantity(self.metric).name}, {self.endpoint}"
+
+    @property
+    def digits(self) -> int:
+        return _DIGITS.get(quantity(self.metric).unit, 3)
+
+
+def outcomes(evidence: Evidence) -> list[Outcome]:
+    """Every metric of the study at its endpoints; metrics that the study lacks are left out."""
+    plan = [
+        *((metric, "last 20 %", tail_mean) for metric in TRAINING),
+        *((metric, "whole training", area_under_curve) for metric in TRAINING),
+        *((metric, "last", final_value) for metric in EVALUATION),
+    ]
+    return [_outcome(evidence, *row) for row in plan if row[0] in evidence.metric_names]
+
+
+def _outcome(evidence: Evidence, metric: str, endpoint: str, reduce: Reduction) -> Outcome:
+    at, first, second = evidence.common(metric)
+    values = reduce(first, at), reduce(second, at)
+    unpaired = evidence.compare(*values, metric, paired=False)
+    paired = evidence.compare(*values, metric, paired=True) if evidence.paired else None
+    return Outcome(metric, endpoint, unpaired, paired)
+
+
+def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
+    """The paper's number beside ours, and a verdict, for every claim."""
+    rows = tuple(
+        (c.statement, f"{c.paper} ({c.source})", f.ours, f.verdict.value, f.reason)
+        for c, f in judged
+    )
+    return Table(
+        "The paper's claims",
+        ("claim", "paper", "ours", "verdict", "why"),
+        rows,
+        "Brackets hold 95 % intervals with the seed as the unit.",
+    )
+
+
+def protocol_table(evidence: Evidence) -> Table:
+    """The paper's own analysis, with what its p-value rests on."""
+    rows = []
+    for metric in (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR):
+        found = evidence.paper_protocol(metric)
+        rest = found.dependence
+        rows.append(
+            (
+                quantity(metric).name,
+                f"{found.average_improvement:+.2%}",
+                p_text(found.iteration_test),
+                str(rest.num_iterations),
+                f"{rest.lag_one:.3f}",
+                f"{rest.effective_sample_size:.1f}",
+            )
+        )
+    header = (
+        *("error", "average relative improvement", "p, paired t over iterations"),
+        *("iterations", "autocorrelation of neighbours", "worth as independent iterations"),
+    )
+    note = (
+        "The analysis as the paper must have done it: curves averaged over seeds, then a t-test "
+        "whose pairs are iterations. Its p-value says nothing about seeds: it asks whether these "
+        "averaged curves differ on average, which the curves of any two groups of seeds do, and it "
+        "takes neighbouring iterations for independent, which they are not."
+    )
+    return Table("The paper's analysis", header, tuple(rows), note)
+
+
+def false_positive_table(rates: FalsePositiveRates) -> Table:
+    """How often each protocol calls nothing something."""
+    rows = (
+        ("paired t over iterations (the paper's)", f"{rates.iteration_t:.1%}"),
+        (f"the same, p below {EXTREME_P:.0e}", f"{rates.iteration_t_extreme:.1%}"),
+        ("Welch t over seeds", f"{rates.welch:.1%}"),
+        ("permutation of seeds", f"{rates.permutation:.1%}"),
+    )
+    note = (
+        f"{rates.num_studies} simulated studies without any difference between the arms, "
+        f"{rates.num_seeds[0]} seeds each and {rates.num_iterations} iterations, with the "
+        "autocorrelation and the spread between seeds of this study's upper-body error. A sound "
+        f"test calls {rates.alpha:.0%} of them significant at {rates.alpha:g}, or fewer."
+    )
+    header = (f"test at {rates.alpha:g}", "studies called significant")
+    return Table("False alarms under a true null", header, rows, note)
+
+
+def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
+    """What the seeds can say: means, difference, improvement, effect."""
+    rows = tuple(_seeds_row(o) for o in found)
+    header = (
+        *("measure", *evidence.labels, "difference", "improvement"),
+        *("Hedges g", "P(better)", "interquartile means"),
+    )
+    note = (
+        "Mean ± standard deviation over seeds. Difference: the second arm less the first, with "
+        "Welch's 95 % interval. Improvement: of the mean, Fieller's interval. Hedges g is positive "
+        "and P(better), the share of pairs of runs in which the second arm's is the better one, is "
+        "above 0.5 where the second arm is better."
+    )
+    return Table(f"Means: {_against(evidence)}", header, rows, note)
+
+
+def _seeds_row(outcome: Outcome) -> tuple[str, ...]:
+    c, digits = outcome.unpaired, outcome.digits
+    unit = quantity(outcome.metric).unit
+    arms = (c.baseline, c.treatment)
+    means = (
+        f"{arm.mean.estimate:.{digits}f}{NBSP}±{NBSP}{number(arm.std, digits)}" for arm in arms
+    )
+    return (
+        f"{outcome.name} ({unit})",
+        *means,
+        interval_text(c.difference, digits),
+        interval_text(c.relative_improvement, 1, percent=True),
+        interval_text(c.effect_size, 2),
+        number(c.probability_of_improvement, 2),
+        " / ".join(number(arm.interquartile_mean, digits) for arm in arms),
+    )
+
+
+def tests_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
+    """p-values of all tests, adjusted over the measures, and what so many seeds can give at all."""
+    adjusted = holm([o.unpaired.t_test.p_value for o in found])
+    rows = tuple(_tests_row(o, p) for o, p in zip(found, adjusted, strict=True))
+    header = (
+        *("measure", "Welch t", "Holm", "permutation", "Mann-Whitney"),
+        *("paired t", "sign flips", "Wilcoxon", "seeds for 80 % power"),
+    )
+    return Table(f"Tests: {_against(evidence)}", header, rows, _tests_note(found))
+
+
+def _tests_row(outcome: Outcome, adjusted: float) -> tuple[str, ...]:
+    free, shared = outcome.unpaired, outcome.paired
+    needed = free.seeds_needed
+    return (
+        outcome.name,
+        p_text(free.t_test),
+        p_value_text(adjusted),
+        p_text(free.permutation_test),
+        p_text(free.rank_test),
+        *(
+            (MISSING,) * 3
+            if shared is None
+            else (p_text(shared.t_test), p_text(shared.permutation_test), p_text(shared.rank_test))
+        ),
+        MISSING if needed is None else str(needed),
+    )
+
+
+def _tests_note(found: Sequence[Outcome]) -> str:
+    if not found:
+        return ""
+    free, shared = found[0].unpaired, found[0].paired
+    counts = free.baseline.num_seeds, free.treatment.num_seeds
+    text = (
+        "Two-sided p-values, not adjusted but for the column Holm (Welch's, over the "
+        f"{len(found)} rows). {counts[0]} against {counts[1]} seeds cannot give an exact p below "
+        f"{free.smallest_p:.2g}"
+    )
+    if shared is not None:
+        text += f", nor paired below {shared.smallest_p:.2g}"
+    if math.isfinite(free.detectable_effect):
+        text += (
+            f". With 80 % power they find only differences of {free.detectable_effect:.1f} "
+            "standard deviations or more"
+        )
+    reasons = {reason for o in found for reason in o.unpaired.notes if "bootstrap" not in reason}
+    return ". ".join([text, *sorted(reasons)]) + "."
+
+
+def speed_table(evidence: Evidence) -> Table:
+    """Iterations until an arm is as good as the baseline ends."""
+    rows = []
+    for metric in TRAINING:
+        if metric not in evidence.metric_names:
+            continue
+        at, first, second = evidence.common(metric)
+        level = float(tail_mean(first, at).mean())
+        window = max(1, round(SMOOTHING_SHARE * at.size))
+        better = not quantity(metric).larger_is_better
+        times = (
+            iterations_to_reach(values, at, level, smaller_is_better=better, window=window)
+            for values in (first, second)
+        )
+        rows.append((f"{quantity(metric).name}: {level:.4g}", *(_times_text(t) for t in times)))
+    note = (
+        "Median over the seeds that got there. The level is the first arm's mean over the last "
+        "20 %; a curve reaches it when its mean over 2 % of training is as good."
+    )
+    title = f"Iterations to reach a level: {_against(evidence)}"
+    return Table(title, ("level", *evidence.labels), tuple(rows), note)
+
+
+def _times_text(times: np.ndarray) -> str:
+    reached = times[np.isfinite(times)]
+    count = f"{reached.size} of {times.size} seeds"
+    return f"{np.median(reached):.0f} ({count})" if reached.size else f"never ({count})"
+
+
+def _against(evidence: Evidence) -> str:
+    baseline, treatment = evidence.labels
+    return f"{treatment} against {baseline}"

@@ -1,0 +1,178 @@
+"""A study as a comparison of two arms: the numbers that claims and tables are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from analysis.figures.series import quantity
+from analysis.statistics.autocorrelation import autocorrelation
+from analysis.statistics.comparison import Comparison, compare
+from analysis.statistics.intervals import difference_interval, relative_improvement_interval
+from analysis.statistics.paper import PaperAnalysis, paper_analysis
+from analysis.statistics.results import Array, Interval
+from analysis.study import BASELINE_METHOD, Study, StudyError, pretty_arm
+
+PREFERRED_TREATMENT = "gwo"
+SEED = 0  # of the draws that tests of many seeds need
+
+
+class Evidence:
+    """The baseline arm of a study against one other arm.
+
+    Args:
+        study: the study.
+        treatment: the other arm; by default the paper's method, else the first that is left.
+
+    Raises:
+        StudyError: the study has one arm only, or not this one.
+    """
+
+    def __init__(self, study: Study, treatment: str | None = None) -> None:
+        others = study.arms[1:]
+        if not others:
+            raise StudyError(
+                f"the study has one arm only, {study.baseline}: there is no comparison"
+            )
+        if treatment is None:
+            treatment = PREFERRED_TREATMENT if PREFERRED_TREATMENT in others else others[0]
+        study.seeds(treatment)  # names the arms if there is no such one
+        self.study, self.baseline, self.treatment = study, study.baseline, treatment
+
+    @property
+    def is_the_papers(self) -> bool:
+        """Whether this is the comparison of the paper: its method against static weights."""
+        return (self.baseline, self.treatment) == (BASELINE_METHOD, PREFERRED_TREATMENT)
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The names of both arms for readers."""
+        return pretty_arm(self.baseline), pretty_arm(self.treatment)
+
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        return self.study.metric_names
+
+    @property
+    def paired(self) -> bool:
+        """Whether both arms have the same seeds."""
+        return self.study.seeds(self.baseline) == self.study.seeds(self.treatment)
+
+    @property
+    def control_steps_per_run(self) -> float:
+        """The fewest control steps that a run of the two arms has taken."""
+        runs = self.study.runs
+        return float(
+            runs.loc[runs["arm"].isin([self.baseline, self.treatment]), "control_steps"].min()
+        )
+
+    def curves(self, metric: str) -> tuple[Array, Array]:
+        """Baseline [n, T] and treatment [m, T] over the iterations that every run has.
+
+        Raises:
+            StudyError: no such metric, or no common iteration.
+        """
+        _, first, second = self.common(metric)
+        return first, second
+
+    def common(self, metric: str) -> tuple[np.ndarray, Array, Array]:
+        """Common iterations [T], and the curves of `curves`."""
+        _, first_at, first = self.study.matrix(metric, self.baseline)
+        _, second_at, second = self.study.matrix(metric, self.treatment)
+        at = np.intersect1d(first_at, second_at)
+        if at.size == 0:
+            raise StudyError(f"{metric}: no iteration in which all runs of both arms have it")
+        return at, first[:, np.isin(first_at, at)], second[:, np.isin(second_at, at)]
+
+    def treatment_curve(self, metric: str) -> Array:
+        """The treatment's curves [m, T]."""
+        return self.study.matrix(metric, self.treatment)[2]
+
+    def paper_protocol(self, metric: str) -> PaperAnalysis:
+        """The paper's own analysis of a metric."""
+        return paper_analysis(
+            *self.curves(metric), smaller_is_better=not quantity(metric).larger_is_better
+        )
+
+    def relative_improvement(self, metric: str) -> Interval:
+        """Of the mean over training, the seed as the unit; a share, positive is better."""
+        first, second = (values.mean(axis=1) for values in self.curves(metric))
+        better = not quantity(metric).larger_is_better
+        return relative_improvement_interval(first, second, smaller_is_better=better)
+
+    def improvement_by_seed(self, metric: str) -> Array:
+        """Each treatment run's mean over training against the baseline's: a share [m].
+
+        Against the run of the same seed where the arms share their seeds, else against the mean.
+        """
+        first, second = (values.mean(axis=1) for values in self.curves(metric))
+        reference = first if self.paired else first.mean()
+        change = (reference - second) / reference
+        return -change if quantity(metric).larger_is_better else change
+
+    def difference(self, baseline: Array, treatment: Array) -> Interval:
+        """Welch's interval of mean(treatment) - mean(baseline)."""
+        return difference_interval(baseline, treatment)
+
+    def compare(self, baseline: Array, treatment: Array, metric: str, paired: bool) -> Comparison:
+        """All that the seeds can say, of one number per seed [n] and [m]."""
+        return compare(
+            baseline,
+            treatment,
+            smaller_is_better=not quantity(metric).larger_is_better,
+            generator=np.random.default_rng(SEED),
+            paired=paired,
+        )
+
+
+def prediction_limits(values: Array, confidence: float = 0.95) -> tuple[float, float]:
+    """Where one further value is expected, from values [n] of a normal distribution.
+
+    mean ± t_{n-1} s sqrt(1 + 1/n) (Hahn and Meeker, Statistical Intervals, section 3.5).
+
+    Raises:
+        ValueError: fewer than two values.
+    """
+    if values.size < 2:
+        raise ValueError(f"a prediction needs at least two values, got {values.size}")
+    reach = stats.t.ppf((1 + confidence) / 2, values.size - 1)
+    half = float(reach * values.std(ddof=1) * np.sqrt(1 + 1 / values.size))
+    return float(values.mean()) - half, float(values.mean()) + half
+
+
+@dataclass(frozen=True)
+class SeedNoise:
+    """How curves of one arm scatter, for simulated studies that resemble a real one.
+
+    Attributes:
+        autocorrelation: of neighbouring iterations around a run's own level, mean over runs.
+        between_seed_sd: standard deviation of the runs' levels, in units of the noise around them.
+    """
+
+    autocorrelation: float
+    between_seed_sd: float
+
+
+def seed_noise(*arms: Array) -> SeedNoise:
+    """The scatter of curves [n, T] of each arm around the arm's own mean curve.
+
+    A run's level is the mean over training of its distance from the mean curve; the rest is noise.
+    One run alone has no scatter: its level is 0, and its noise that around its own mean.
+    """
+    distance = np.concatenate([_from_mean_curve(values) for values in arms])
+    levels = distance.mean(axis=1)
+    noise = distance - levels[:, None]
+    size = float(noise.std())
+    if size == 0.0 or noise.shape[1] < 3:
+        return SeedNoise(0.0, 0.0)
+    neighbours = [autocorrelation(row)[1] for row in noise if np.ptp(row) > 0]
+    return SeedNoise(float(np.clip(np.mean(neighbours), 0.0, 0.999)), float(levels.std()) / size)
+
+
+def _from_mean_curve(values: Array) -> Array:
+    if len(values) == 1:
+        return values - values.mean()
+    # Of n runs, the distance from their own mean is too short by sqrt((n - 1) / n).
+    return (values - values.mean(axis=0)) * np.sqrt(len(values) / (len(values) - 1))

@@ -1,0 +1,72 @@
+"""Writes a report: one self-contained page, the same in Markdown, figures, numbers as JSON."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from analysis.report.claims import Verdict
+from analysis.report.content import Report
+
+PAGE, MARKDOWN, NUMBERS, FIGURES = "report.html", "report.md", "statistics.json", "figures"
+
+
+class ReportExistsError(ValueError):
+    """A report is there already and was not to be replaced; the message says how."""
+
+
+def write_report(report: Report, folder: Path, replace: bool = False) -> Path:
+    """Write all files of a report into `folder`, all at once; the path of the page.
+
+    Raises:
+        ReportExistsError: the folder holds something, and `replace` was not asked for.
+        OSError: the folder cannot be written.
+    """
+    folder = folder.absolute()
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if not replace:
+            raise ReportExistsError(f"{folder} holds something already; --force replaces it")
+        if not (folder / PAGE).is_file():
+            raise ReportExistsError(f"{folder} holds no report, so it is not replaced")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as beside:
+        fresh = Path(beside) / folder.name
+        _write_files(report, fresh)
+        if folder.exists():
+            os.rename(folder, Path(beside) / "replaced")
+        shutil.move(fresh, folder)
+    return folder / PAGE
+
+
+def _write_files(report: Report, folder: Path) -> None:
+    (folder / FIGURES).mkdir(parents=True)
+    for section in report.sections:
+        for picture in section.pictures:
+            (folder / FIGURES / f"{picture.stem}.svg").write_bytes(picture.svg)
+            (folder / FIGURES / f"{picture.stem}.png").write_bytes(picture.png)
+    templates = _templates()
+    for name in (PAGE, MARKDOWN):
+        verdicts = [verdict.value for verdict in Verdict]
+        text = templates.get_template(f"{name}.j2").render(report=report, verdicts=verdicts)
+        (folder / name).write_text(text.strip() + "\n", encoding="utf-8")
+    numbers = json.dumps(report.numbers, indent=2, allow_nan=False, sort_keys=True)
+    (folder / NUMBERS).write_text(numbers + "\n", encoding="utf-8")
+
+
+def _templates() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("analysis.report"),
+        autoescape=lambda name: name is not None and ".html" in name,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
+    environment.filters["cell"] = lambda text: text.replace("|", "\\|").replace("\n", " ")
+    return environment

@@ -1,0 +1,146 @@
+"""The report as files: what stands in it, and that nothing is lost when it is written."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from studies import make_study
+
+from analysis.report import command
+from analysis.report.content import Report, gather, support
+from analysis.report.pages import ReportExistsError, write_report
+from analysis.statistics.results import Interval
+from analysis.tables import write_tables
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    study = make_study(np.random.default_rng(0), ("fixed", "gwo", "random"), iterations=30)
+    return gather(study, "make reproduce-paper SCALE=demo")
+
+
+@pytest.fixture(scope="module")
+def folder(report: Report, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "report"
+    write_report(report, folder)
+    return folder
+
+
+class Page(HTMLParser):
+    """Checks that elements close in order, and keeps what a browser would load from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loaded: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+        self.loaded += [value or "" for name, value in attrs if name == "src"]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_well_formed_and_self_contained(folder: Path) -> None:
+    page = Page()
+    page.feed((folder / "report.html").read_text())
+    assert page.open == []
+    assert len(page.loaded) >= 6
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in page.loaded)
+
+
+def test_a_demo_says_that_it_is_no_evidence(folder: Path) -> None:
+    for name in ("report.html", "report.md"):
+        assert "Machinery, not evidence." in (folder / name).read_text()
+
+
+def test_both_pages_hold_every_claim_every_table_and_the_command(folder: Path) -> None:
+    html, markdown = ((folder / f"report.{kind}").read_text() for kind in ("html", "md"))
+    for text in (
+        "4.25 % better",
+        "cannot be said at this scale",
+        "two-layered (GWO) against static",
+        "random weights against static",
+        "False alarms under a true null",
+        "make reproduce-paper SCALE=demo",
+    ):
+        assert text in html
+        assert text in markdown
+
+
+def test_every_row_of_the_markdown_tables_has_the_cells_of_its_header(folder: Path) -> None:
+    width = 0
+    for line in (folder / "report.md").read_text().splitlines():
+        cells = len(re.findall(r"(?<!\\)\|", line)) if line.startswith("|") else 0
+        assert cells in (0, width) or width == 0
+        width = cells
+
+
+def test_figures_are_there_as_vectors_and_pixels(folder: Path) -> None:
+    stems = {path.stem for path in (folder / "figures").glob("*.svg")}
+    assert {"figure_06_episode_length", "figure_14_weights"} <= stems
+    assert stems == {path.stem for path in (folder / "figures").glob("*.png")}
+
+
+def test_numbers_for_programs_are_strict_json(folder: Path) -> None:
+    numbers = json.loads((folder / "statistics.json").read_text(), parse_constant=pytest.fail)
+    gwo = numbers["outcomes"]["gwo"]
+    assert {"gwo", "random"} == set(numbers["outcomes"])
+    assert gwo[0]["unpaired"]["baseline"]["num_seeds"] == 5
+    # A bootstrap of five seeds is refused; what is not known is null.
+    assert gwo[0]["unpaired"]["bootstrap_difference"]["low"] is None
+
+
+def test_a_report_is_not_replaced_unless_asked(report: Report, folder: Path) -> None:
+    before = (folder / "report.html").read_bytes()
+    with pytest.raises(ReportExistsError, match="--force"):
+        write_report(report, folder)
+    assert (folder / "report.html").read_bytes() == before
+    write_report(report, folder, replace=True)
+    assert (folder / "report.html").read_bytes() == before  # the same data, the same bytes
+    assert [path.name for path in folder.parent.iterdir()] == ["report"]
+
+
+def test_another_folder_is_never_replaced(report: Report, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(ReportExistsError, match="holds no report"):
+        write_report(report, tmp_path, replace=True)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (0.01, 0.05, "support an improvement"),
+        (-0.05, -0.01, "is worse"),
+        (-0.01, 0.05, "do not tell the arms apart"),
+        (float("nan"), float("nan"), "Nothing can be concluded"),
+    ],
+)
+def test_the_summary_says_plainly_what_the_data_show(low: float, high: float, words: str) -> None:
+    assert words in support(Interval(0.0, low, high, 0.95, "Fieller", "one seed"))
+
+
+def test_the_command_writes_a_report_from_exported_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = make_study(np.random.default_rng(0), seeds=(0, 1), iterations=20)
+    write_tables(study, tmp_path / "results")
+    command.main([str(tmp_path / "results"), "-o", str(tmp_path / "report")])
+    assert "report.html" in capsys.readouterr().out
+    assert "tlr-train optimizer=gwo seed=1" in (tmp_path / "report" / "report.md").read_text()
+
+
+def test_the_command_names_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        command.main([str(tmp_path), "-o", str(tmp_path / "report")])
+    assert stop.value.code == 2
+    assert "manifest.json" in capsys.readouterr().err
+    assert not (tmp_path / "report").exists()
