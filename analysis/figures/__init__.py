@@ -1,0 +1,1 @@
+"""Figures of a study: functions from a ``Study`` to a ``Drawing``; ``catalogue`` lists them."""

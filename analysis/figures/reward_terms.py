@@ -1,0 +1,89 @@
+"""Table 1 of the paper, as data: the terms of the lower layer as the runs were configured."""
+
+import json
+from dataclasses import dataclass
+
+from analysis.figures.drawing import NotDrawnError
+from analysis.study import Study, pretty_arm
+from tlr_exp import keys
+
+# Formula and unit of the raw value of every term that may stand in the lower layer, as
+# tlr_exp/mdp/rewards.py computes it. N = 23 joints; b: base frame.
+FORMULAS: dict[str, tuple[str, str]] = {
+    keys.BASE_HEIGHT: ("(h_base - h_des)²", "m²"),
+    keys.ANG_VEL_XY: ("‖ω_base,xy‖²", "(rad/s)²"),
+    keys.LIN_VEL_Z: ("v_base,z²", "(m/s)²"),
+    keys.DOF_POS_LIMITS: (
+        "(1/N) Σ_i [max(0, q_i - q_max,i + Δ⁺_i)² + max(0, q_min,i - q_i + Δ⁻_i)²], "
+        "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
+        "rad²",
+    ),
+    keys.DOF_VEL_LIMITS: ("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²"),
+    keys.ACTION_SMOOTHNESS: ("Σ_i (a_i,t - a_i,t-1)²", "1"),
+    keys.TORQUE_LIMITS: ("(1/N) Σ_i max(0, |τ_i| - (1 - ε) τ_max,i)²", "(N m)²"),
+    keys.TORQUES: ("Σ_i τ_i²", "(N m)²"),
+    keys.TERMINATION: ("1 where the step ended the episode by a failure, else 0", "1"),
+}
+_SYMBOLS = {"margin": "ε", "sigma": "\N{GREEK SMALL LETTER SIGMA}"}
+
+
+@dataclass(frozen=True)
+class TermRow:
+    """One term of the lower layer.
+
+    name: as in the configuration. formula and unit: of the raw value. coefficient: per second, it
+    multiplies weight and raw value. constants: "ε = 0.1", empty where it has none. arms: whose
+    configuration has it so, empty where all have. in_paper: whether Table 1 or Figure 14 has it.
+    """
+
+    name: str
+    formula: str
+    unit: str
+    coefficient: float
+    constants: str
+    arms: tuple[str, ...]
+    in_paper: bool
+
+
+def table_1(study: Study) -> tuple[TermRow, ...]:
+    """The terms of the lower layer from the configurations of the runs, in their order.
+
+    A term that arms configure differently has a row per configuration.
+
+    Raises:
+        NotDrawnError: the configurations have no lower layer.
+    """
+    found: dict[tuple[str, float, str], list[str]] = {}
+    for arm in study.arms:
+        for config in study.runs.loc[study.runs["arm"] == arm, "config"].unique():
+            for term in _terms(json.loads(config)):
+                arms = found.setdefault(term, [])
+                if arm not in arms:
+                    arms.append(arm)
+    if not found:
+        raise NotDrawnError("no run's configuration has terms under reward.optimizing")
+    return tuple(
+        TermRow(
+            name,
+            *FORMULAS.get(name, ("", "")),
+            coefficient,
+            constants,
+            () if len(arms) == len(study.arms) else tuple(pretty_arm(arm) for arm in arms),
+            name in keys.PAPER_LOWER_LAYER,
+        )
+        for (name, coefficient, constants), arms in found.items()
+    )
+
+
+def _terms(config: dict) -> list[tuple[str, float, str]]:
+    """Name, coefficient and constants of every term of the lower layer of one configuration."""
+    reward = config.get("reward", {})
+    parameters = reward.get("parameters") or {}
+    return [
+        (name, float(coefficient), _constants(parameters.get(name) or {}))
+        for name, coefficient in (reward.get("optimizing") or {}).items()
+    ]
+
+
+def _constants(values: dict[str, float]) -> str:
+    return ", ".join(f"{_SYMBOLS.get(name, name)} = {value:g}" for name, value in values.items())

@@ -1,0 +1,137 @@
+"""Metrics as figures need them: matrices of a study, and how each metric is called on an axis."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.figures.drawing import NotDrawnError
+from analysis.statistics.paper import Band, seed_band
+from analysis.study import Study
+from tlr_exp import keys
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a metric is shown: its name in words, its unit, and which way is better."""
+
+    name: str
+    unit: str
+    larger_is_better: bool
+
+    @property
+    def label(self) -> str:
+        """Axis label, "Upper-body error (m)"."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+QUANTITIES = {
+    keys.EPISODE_LENGTH: Quantity("Episode length", "control steps", True),
+    keys.TRAIN_UPPER_BODY_ERROR: Quantity("Upper-body error", "m", False),
+    keys.TRAIN_LOWER_BODY_ERROR: Quantity("Lower-body error", "m", False),
+    keys.TRAIN_JOINT_ERROR: Quantity("Joint error", "rad", False),
+    f"{keys.EVAL_PREFIX}upper_body_error_m": Quantity("Upper-body error, evaluation", "m", False),
+    f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
+    f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),
+    f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of motion", True),
+    f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of motion", True),
+}
+
+
+def quantity(metric: str) -> Quantity:
+    """How a metric is shown; metrics without an entry appear under their own name."""
+    return QUANTITIES.get(metric, Quantity(metric, "", True))
+
+
+@dataclass(frozen=True)
+class Series:
+    """One metric of one arm: seeds [n], iterations [T], values [n, T] without NaN."""
+
+    seeds: np.ndarray
+    iterations: np.ndarray
+    values: np.ndarray
+
+    @property
+    def band(self) -> Band:
+        """Mean over seeds and one standard deviation (n - 1) to both sides, each [T]."""
+        return seed_band(self.values)
+
+    def of_seed(self, seed: int) -> np.ndarray:
+        """The curve of one seed, [T]."""
+        return self.values[list(self.seeds).index(seed)]
+
+
+def series_of(study: Study, metric: str, arm: str) -> Series:
+    """A metric of an arm in the iterations where all its runs have it.
+
+    Raises:
+        NotDrawnError: the arm has no value of the metric.
+    """
+    measured = metric in study.metric_names
+    if not measured or study.curves.loc[study.curves["arm"] == arm, metric].isna().all():
+        raise NotDrawnError(f"arm {arm!r} has no value of {metric}")
+    try:
+        return Series(*study.matrix(metric, arm))
+    except ValueError as error:
+        raise NotDrawnError(str(error)) from error
+
+
+def all_series(study: Study, metric: str) -> dict[str, Series]:
+    """``series_of`` for every arm.
+
+    Raises:
+        NotDrawnError: an arm has no value of the metric.
+    """
+    return {arm: series_of(study, metric, arm) for arm in study.arms}
+
+
+def on_common_iterations(first: Series, second: Series) -> tuple[Series, Series]:
+    """Both series in the iterations that both have, so that they can be subtracted.
+
+    Raises:
+        NotDrawnError: they share no iteration.
+    """
+    common = np.intersect1d(first.iterations, second.iterations)
+    if len(common) == 0:
+        raise NotDrawnError("the two arms share no iteration in which the metric was measured")
+    return _at(first, common), _at(second, common)
+
+
+def _at(series: Series, iterations: np.ndarray) -> Series:
+    columns = np.searchsorted(series.iterations, iterations)
+    return Series(series.seeds, iterations, series.values[:, columns])
+
+
+def shared_seeds(study: Study) -> tuple[int, ...]:
+    """Seeds that every arm has, ascending; empty if there is none."""
+    return tuple(sorted(set.intersection(*(set(study.seeds(arm)) for arm in study.arms))))
+
+
+def one_run_of_each_arm(study: Study) -> tuple[Study, int]:
+    """The study of one seed alone, the lowest that every arm has, and that seed.
+
+    Raises:
+        NotDrawnError: no seed is in every arm.
+    """
+    shared = shared_seeds(study)
+    if not shared:
+        raise NotDrawnError("no seed was run in every arm")
+    return only_seeds(study, shared[:1]), shared[0]
+
+
+def only_seeds(study: Study, seeds: tuple[int, ...]) -> Study:
+    """The study with these seeds alone."""
+    return replace(
+        study,
+        runs=study.runs[study.runs["seed"].isin(seeds)],
+        curves=study.curves[study.curves["seed"].isin(seeds)],
+    )
+
+
+def column(study: Study, metric: str) -> np.ndarray:
+    """A metric in every row of ``study.curves``, float64, NaN where it was not measured."""
+    return np.asarray(study.curves[metric], dtype=np.float64)
+
+
+def with_metric(study: Study, name: str, values: np.ndarray) -> Study:
+    """The study with a metric added or replaced; one value per row of ``study.curves``."""
+    return replace(study, curves=study.curves.assign(**{name: values}))

@@ -1,0 +1,144 @@
+"""Figure 14: the weights of the lower layer over training."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
+from analysis.figures.lines import iteration_axis, moving_average, shade
+from analysis.figures.series import Series, series_of
+from analysis.figures.style import TWO_COLUMNS_IN, ArmLook, arm_looks, darker, new_figure, styled
+from analysis.study import Study, pretty_arm
+from tlr_exp import keys
+
+_COLUMNS = 3  # of the panels of one arm
+_LONGEST_WINDOW_SHARE = 0.05  # of the training, for the thick line
+
+
+@styled
+def figure_14(study: Study) -> Drawing:
+    """Weight of every lower-layer term over iterations, one panel per term (and arm that adapts).
+
+    Arms whose weights never change are left out and named in the caption.
+
+    Raises:
+        NotDrawnError: no arm has weights, or none of them changes.
+    """
+    terms = weight_terms(study)
+    adapting = tuple(arm for arm in study.arms if _adapts(study, arm, terms))
+    if not adapting:
+        raise NotDrawnError("no arm changes its weights: every one keeps them over the training")
+    window = smoothing_window(study)
+    looks = arm_looks(study.arms)
+    if len(adapting) == 1:
+        figure = _panels_of_one_arm(study, adapting[0], terms, window, looks)
+    else:
+        figure = _grid_of_arms(study, adapting, terms, window, looks)
+    caption = _caption(study, adapting, window)
+    return Drawing(figure, "Weights of the lower layer over training", caption, "figure_14_weights")
+
+
+def weight_terms(study: Study) -> tuple[str, ...]:
+    """Terms with a weight, in the order of the study's columns.
+
+    Raises:
+        NotDrawnError: there is none.
+    """
+    prefix = keys.WEIGHT_PREFIX
+    terms = tuple(m.removeprefix(prefix) for m in study.metric_names if m.startswith(prefix))
+    if not terms:
+        raise NotDrawnError(f"the study has no metric that begins with {prefix}")
+    return terms
+
+
+def smoothing_window(study: Study) -> int:
+    """Iterations of the moving average: odd, a twentieth of those that the longest run has."""
+    reached = int(np.max(study.curves[keys.ITERATION]))
+    return 2 * int(reached * _LONGEST_WINDOW_SHARE / 2) + 1
+
+
+def _adapts(study: Study, arm: str, terms: tuple[str, ...]) -> bool:
+    rows = study.curves.loc[study.curves["arm"] == arm, [keys.WEIGHT_PREFIX + t for t in terms]]
+    return bool((rows.max() > rows.min()).any())
+
+
+def _panels_of_one_arm(
+    study: Study, arm: str, terms: tuple[str, ...], window: int, looks: dict[str, ArmLook]
+) -> Figure:
+    columns = min(_COLUMNS, len(terms))
+    rows = -(-len(terms) // columns)
+    figure, axes = new_figure(TWO_COLUMNS_IN, 0.5 + 1.45 * rows, rows, columns, sharey=True)
+    for place, panel in enumerate(axes.flat):
+        if place >= len(terms):
+            panel.set_visible(False)
+            continue
+        bottom = place + columns >= len(terms)
+        series = series_of(study, keys.WEIGHT_PREFIX + terms[place], arm)
+        _draw_weight(panel, series, looks[arm], window)
+        panel.set_title(f"{terms[place]}: {_numbers(series)}", loc="left", fontsize=7)
+        iteration_axis(panel, series.iterations[-1], label=bottom)
+    figure.supylabel("Weight (no unit)", fontsize=7.5)
+    return figure
+
+
+def _grid_of_arms(
+    study: Study,
+    arms: tuple[str, ...],
+    terms: tuple[str, ...],
+    window: int,
+    looks: dict[str, ArmLook],
+) -> Figure:
+    """Terms down, arms across: weights of several arms in one panel would hide each other."""
+    size = (TWO_COLUMNS_IN, 0.7 + 1.05 * len(terms))
+    figure, axes = new_figure(*size, len(terms), len(arms), sharey=True, sharex=True)
+    for row, term in enumerate(terms):
+        for column, arm in enumerate(arms):
+            panel = axes[row, column]
+            series = series_of(study, keys.WEIGHT_PREFIX + term, arm)
+            _draw_weight(panel, series, looks[arm], window)
+            title = _numbers(series)
+            if row == 0:
+                title = f"{_wrapped(pretty_arm(arm))}\n{title}"
+            panel.set_title(title, loc="left", fontsize=6.5 if len(arms) < 4 else 5.5)
+            iteration_axis(panel, series.iterations[-1], label=row == len(terms) - 1)
+        axes[row, 0].set_ylabel(term, fontsize=6.5)
+    figure.supylabel("Weight (no unit)", fontsize=7.5)
+    return figure
+
+
+def _draw_weight(axes: Axes, series: Series, look: ArmLook, window: int) -> None:
+    """Band and thin line of the raw values, thick line of their moving average."""
+    band = series.band
+    if band.num_seeds > 1:
+        shade(axes, series.iterations, band.low, band.high, look, of=1)
+    color = look.color
+    axes.plot(series.iterations, band.mean, color=color, linewidth=0.4, alpha=0.45, zorder=2.5)
+    smooth = moving_average(band.mean, window)
+    axes.plot(series.iterations, smooth, color=darker(color), linewidth=1.3, zorder=3)
+    axes.set_ylim(-0.03, 1.03 * max(1.0, float(np.max(series.values))))
+
+
+def _numbers(series: Series) -> str:
+    mean = series.band.mean
+    return f"final {mean[-1]:.2f}, mean {mean.mean():.2f}"
+
+
+def _wrapped(label: str) -> str:
+    return label.replace(", ", ",\n")
+
+
+def _caption(study: Study, adapting: tuple[str, ...], window: int) -> str:
+    still = [pretty_arm(arm) for arm in study.arms if arm not in adapting]
+    left_out = f" Not shown, as its weights never change: {', '.join(still)}." if still else ""
+    what = (
+        "Weight of each term of the lower layer over training, without unit, for "
+        f"{', '.join(pretty_arm(arm) for arm in adapting)}: mean over seeds. Numbers: mean over "
+        f"seeds at the last iteration (final) and over all iterations (mean).{left_out}"
+    )
+    smoothing = "none"
+    if window > 1:
+        smoothing = (
+            f"thick lines: centred moving average over {window} iterations; thin lines and "
+            "bands: none"
+        )
+    return caption_of(study, what, band=True, smoothing=smoothing)
