@@ -5,25 +5,31 @@ import sys
 from collections.abc import Sequence
 
 from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
 EXIT_CONFIG = 2
+SWEEP_MARKS = ("+sweep=", "hydra.mode=MULTIRUN")  # besides -m, what makes a command a sweep
 
 
 def explain_mistakes(arguments: Sequence[str]) -> None:
     """Leave with an explanation where ``arguments`` hold an override that cannot be composed.
 
-    Hydra names the key but not what is there in its place. Everything else (flags, sweeps of
-    several values, interpolations) is Hydra's own to judge.
+    Hydra names the key but not what is there in its place. Of a sweep one job is looked at, with
+    the first of each key's values; `tlr_exp.sweeps.plan` looks at all. Flags are Hydra's to judge.
     """
     flags = {argument for argument in arguments if argument.startswith("-")}
     if flags - {"-m", "--multirun"}:
         return
-    overrides = [_first_value(a) if flags else a for a in arguments if a not in flags]
+    overrides = [argument for argument in arguments if argument not in flags]
+    is_sweep = bool(flags) or any(override.startswith(SWEEP_MARKS) for override in overrides)
     try:
         with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+            if is_sweep:
+                overrides = _first_values(overrides)
             _compose(overrides)
     except (HydraException, ValueError) as error:
         where = "" if isinstance(error, HydraException) else f"in {' '.join(overrides)}: "
@@ -31,11 +37,18 @@ def explain_mistakes(arguments: Sequence[str]) -> None:
         sys.exit(EXIT_CONFIG)
 
 
-def _first_value(override: str) -> str:
-    """Of a plain list of values in a sweep, the first: ``seed=0,1`` is checked as ``seed=0``."""
-    key, equals, values = override.partition("=")
-    plain = not any(bracket in values for bracket in "([{'\"")
-    return f"{key}{equals}{values.split(',')[0]}" if plain else override
+def _first_values(overrides: Sequence[str]) -> list[str]:
+    """Of each sweep of values the first: ``seed=0,1`` and ``seed=range(2)`` become ``seed=0``."""
+    loader = GlobalHydra.instance().config_loader()
+    parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
+    return [_first_value(override) for override in parsed]
+
+
+def _first_value(override: Override) -> str:
+    if override.is_sweep_override() and override.is_discrete_sweep():
+        for value in override.sweep_string_iterator():
+            return f"{override.get_key_element()}={value}"
+    return str(override.input_line)
 
 
 def _compose(overrides: list[str]) -> None:

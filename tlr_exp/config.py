@@ -21,6 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from tlr_exp import keys
 from tlr_exp.constraints import violations
 from tlr_exp.motion.clips import motion_names
+from tlr_exp.records.runs import config_hash
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
@@ -63,6 +64,14 @@ def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
     if Path(env["motion"]).suffix in MOTION_FILES:
         env["motion"] = str(Path(env["motion"]).absolute())
     return {**config, "env": {**env, "robot": robot}}
+
+
+def run_identity(config: Mapping[str, Any]) -> str:
+    """8 hex digits of a plain configuration with absolute paths, and of the files it names.
+
+    Two runs of the same identity learn the same.
+    """
+    return config_hash({**config, "files": file_hashes(config)}, NOT_IDENTITY)
 
 
 def _own_keys(config: DictConfig) -> list[str]:

@@ -12,7 +12,7 @@ OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose")
 START_PHASES = ("random", "zero")
 ACTIVATIONS = ("elu", "relu", "tanh")
-RESUME_MODES = ("never", "auto")
+RESUME_MODES = ("in_sweeps", "never", "auto")
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class PlainDisplay:
         self.shown_at = now
         print(
             f"iteration {iteration}/{self.last}  {speed:,.0f} steps/s  "
-            f"ETA {_clock(self.pace.eta_s(iteration))}  "
+            f"ETA {clock(self.pace.eta_s(iteration))}  "
             + "  ".join([*_headlines(metrics), f"weights {_weights(metrics)}"]),
             flush=True,
         )
@@ -94,7 +94,7 @@ class LiveDisplay:
             self.task,
             completed=iteration,
             speed=f"{speed:,.0f} steps/s",
-            eta=_clock(self.pace.eta_s(iteration)),
+            eta=clock(self.pace.eta_s(iteration)),
         )
         self.live.update(Group(self.bar, *_headlines(metrics), _weights_table(metrics)))
 
@@ -139,7 +139,8 @@ def _weights_table(metrics: Mapping[str, float]) -> Table:
     return table
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Hours, minutes and seconds as 1:02:03 or 2:03."""
     minutes, second = divmod(round(seconds), 60)
     hours, minute = divmod(minutes, 60)
     return f"{hours}:{minute:02}:{second:02}" if hours else f"{minute}:{second:02}"

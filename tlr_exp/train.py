@@ -1,24 +1,28 @@
-"""``tlr-train``: one run from the command line (``-m`` for many); it wires the parts."""
+"""``tlr-train``: one run from the command line; it wires the parts.
+
+Many (``-m``) are taken over by ``tlr_exp.sweeps``, each of them a process that uses these parts.
+"""
+
+from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from tlr_exp.command_line import explain_mistakes
 from tlr_exp.config import (
     CONFIG_PATH,
-    NOT_IDENTITY,
     ConfigError,
-    file_hashes,
     load_settings,
     plain_config,
+    run_identity,
     with_absolute_paths,
 )
 from tlr_exp.records.mirror import (
@@ -35,18 +39,25 @@ from tlr_exp.records.run_directory import (
     RunDirectory,
     RunDirectoryError,
 )
-from tlr_exp.records.runs import config_hash, find_run, next_run_path
+from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
 from tlr_exp.settings import Settings
+
+if TYPE_CHECKING:
+    from tlr_exp.training import Outcome
 
 EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
 
 
+# OpenMP's threads spin while they wait, which on a busy machine slows the policy's update several
+# times. So briefly, they cost 4 % on an idle one. Read when PyTorch is imported.
+OPENMP_DEFAULTS = {"GOMP_SPINCOUNT": "5000"}
+
+
 def main() -> None:
     """Entry point of ``tlr-train``."""
-    # OpenMP's threads spin while they wait, which on a busy machine slows the policy's update
-    # several times. So briefly, they cost 4 % on an idle one. Read when PyTorch is imported.
-    os.environ.setdefault("GOMP_SPINCOUNT", "5000")
+    for name, value in OPENMP_DEFAULTS.items():
+        os.environ.setdefault(name, value)
     explain_mistakes(sys.argv[1:])
     _train()  # type: ignore[call-arg]  # Hydra passes the configuration
 
@@ -57,12 +68,17 @@ def _train(config: DictConfig) -> None:
         settings = load_settings(config)
         uri = tracking_uri(settings)
         check_inputs(settings)
-        run = open_run(settings, config)
+        plain = with_absolute_paths(plain_config(config))
+        method = HydraConfig.get().runtime.choices["optimizer"]
+        run = open_run(settings, plain, method, go_on=settings.resume == "auto")
         if run.status == FINISHED:
             print(f"this configuration has been trained already: {run.path}")
             return
         with run.lock():
-            train_in(run, settings, uri)
+            outcome = train_in(run, settings, uri)
+        if outcome.status != FINISHED:
+            print("go on            repeat the command with resume=auto")
+            sys.exit(EXIT_INTERRUPTED)
 
 
 def tracking_uri(settings: Settings) -> str | None:
@@ -84,8 +100,10 @@ def tracking_uri(settings: Settings) -> str | None:
         raise ConfigError(f"tracking_uri: {error}") from error
 
 
-def check_inputs(settings: Settings) -> None:
+def check_inputs(settings: Settings, device: bool = True) -> None:
     """Read what the user brought, before a run directory is made and seconds of imports pass.
+
+    Without ``device`` that is left out, for a machine that only hands work to others.
 
     Raises:
         ConfigError: a model that is not a G1, a motion that cannot be, or a device that is away.
@@ -104,21 +122,25 @@ def check_inputs(settings: Settings) -> None:
             f"env.reference_lead is {settings.env.reference_lead}; the motion has only "
             f"{clip.num_frames} frames"
         )
-    if settings.device != "cpu":
+    if device and settings.device != "cpu":
         from tlr_exp.assembly import check_device
 
         check_device(settings.device)
 
 
-def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
-    """A new run directory, or with ``resume=auto`` the latest one of the same configuration."""
-    plain = with_absolute_paths(plain_config(config))
-    identity = config_hash({**plain, "files": file_hashes(plain)}, NOT_IDENTITY)
+def open_run(
+    settings: Settings,
+    config: Mapping[str, Any],
+    method: str,
+    go_on: bool,
+    prefer_finished: bool = False,
+) -> RunDirectory:
+    """A new run directory of the plain ``config``, or with ``go_on`` the latest one of the same.
+
+    With ``prefer_finished`` a finished one goes before a later one that is not.
+    """
+    identity = run_identity(config)
     root = Path(settings.runs_dir) / settings.study
-    method = HydraConfig.get().runtime.choices["optimizer"]
-    found = find_run(root, identity) if settings.resume == "auto" and root.is_dir() else None
-    if found is not None:
-        return found
     name = f"{settings.scale.name}-{method}-seed{settings.seed}-{identity}"
     tags = {
         "method": method,
@@ -127,10 +149,16 @@ def open_run(settings: Settings, config: DictConfig) -> RunDirectory:
         "motion": settings.env.motion,
         "experiment": settings.study,
     }
-    return RunDirectory.create(next_run_path(root, name), plain, tags, identity)
+
+    def create() -> RunDirectory:
+        return RunDirectory.create(next_run_path(root, name), config, tags, identity)
+
+    if go_on:
+        return find_or_create_run(root, identity, create, prefer_finished)
+    return create()
 
 
-def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> None:
+def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
     """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
     run.set_status(RUNNING)
@@ -152,9 +180,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> None:
     _say_what_is_there(run, training.store.best(), uri)
     if not mirrored:
         print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
-    if outcome.status != FINISHED:
-        print("go on            repeat the command with resume=auto")
-        sys.exit(EXIT_INTERRUPTED)
+    return outcome
 
 
 def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) -> None:
@@ -170,13 +196,7 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
 
 @contextmanager
 def _errors_for_people() -> Iterator[None]:
-    """Errors that have an explanation are printed without a traceback.
-
-    In a sweep (``-m``) they are left to Hydra, which goes on with the other jobs.
-    """
-    if HydraConfig.get().mode == RunMode.MULTIRUN:
-        yield
-        return
+    """Errors that have an explanation are printed without a traceback."""
     try:
         yield
     except (ConfigError, RunDirectoryError) as error:
@@ -185,12 +205,12 @@ def _errors_for_people() -> Iterator[None]:
     except KeyboardInterrupt:
         print("interrupted; go on by the same command with resume=auto", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
-    except (StorageError, *_explained_failures()) as error:
+    except (StorageError, *explained_failures()) as error:
         print(error, file=sys.stderr)
         sys.exit(EXIT_FAILED)
 
 
-def _explained_failures() -> tuple[type[Exception], ...]:
+def explained_failures() -> tuple[type[Exception], ...]:
     """Failures of a training that say what to do; loaded by then, if they can occur at all."""
     training = sys.modules.get("tlr_exp.training")
     return () if training is None else training.EXPLAINED_FAILURES

@@ -46,6 +46,10 @@ class RunDirectoryError(ValueError):
     """A path is no (usable) run directory, or is in use; the message says what would be right."""
 
 
+class RunInUseError(RunDirectoryError):
+    """Another process holds the run."""
+
+
 class RunDirectory:
     """One run on disk. Make one with `create` or `open`; only the holder of `lock` may write."""
 
@@ -166,12 +170,12 @@ class RunDirectory:
         """Hold the run for writing. The lock of a process that died is free at once (flock).
 
         Raises:
-            RunDirectoryError: another process holds it, still after `timeout_s` seconds.
+            RunInUseError: another process holds it, still after `timeout_s` seconds.
             StorageError: the lock file cannot be made.
         """
 
-        def in_use() -> RunDirectoryError:
-            return RunDirectoryError(
+        def in_use() -> RunInUseError:
+            return RunInUseError(
                 f"{self.path} is in use by another process (the manifest says pid "
                 f"{self.manifest.get('pid')}): wait for it, stop it, or start a new run"
             )

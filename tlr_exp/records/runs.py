@@ -7,16 +7,19 @@ import itertools
 import json
 import logging
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.records.locks import ELSEWHERE
-from tlr_exp.records.run_directory import MANIFEST, RunDirectory, RunDirectoryError
+from tlr_exp.records.locks import ELSEWHERE, hold
+from tlr_exp.records.run_directory import FINISHED, MANIFEST, RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import storage_errors
 
 ARTIFACTS = "mlartifacts"  # where a local MLflow store beside the runs keeps its files
+
+RUNS_LOCK = ".runs.lock"  # held in a study's folder while a run is looked for and made
+CREATE_TIMEOUT_S = 60.0
 
 _log = logging.getLogger(__name__)
 
@@ -76,15 +79,53 @@ def find_runs(root: str | Path) -> list[RunDirectory]:
     return sorted(found, key=lambda run: run.path)
 
 
-def find_run(root: str | Path, identity: str) -> RunDirectory | None:
-    """The latest run below `root` with this identity, whatever its status; None if none."""
-    runs = []
+def latest_runs(root: str | Path, prefer_finished: bool = False) -> dict[str, RunDirectory]:
+    """For each identity below `root` its latest run, whatever the status.
+
+    With `prefer_finished` a finished run goes before a later one that is not.
+    """
+    found: dict[str, tuple[bool, str, str, RunDirectory]] = {}
     for run in find_runs(root):
         try:
             manifest = run.manifest
         except RunDirectoryError as error:
             _log.warning("passed over while looking for runs: %s", error)
             continue
-        if manifest.get("identity") == identity:
-            runs.append((manifest.get("created_at", ""), str(run.path), run))
-    return max(runs)[2] if runs else None
+        preferred = prefer_finished and manifest["status"] == FINISHED
+        entry = (preferred, manifest.get("created_at", ""), str(run.path), run)
+        identity = manifest.get("identity", "")
+        found[identity] = max(found.get(identity, entry), entry, key=lambda item: item[:3])
+    return {identity: entry[3] for identity, entry in found.items()}
+
+
+def find_run(root: str | Path, identity: str, prefer_finished: bool = False) -> RunDirectory | None:
+    """The run below `root` with this identity that `latest_runs` chooses; None if none."""
+    return latest_runs(root, prefer_finished).get(identity)
+
+
+def find_or_create_run(
+    root: str | Path,
+    identity: str,
+    create: Callable[[], RunDirectory],
+    prefer_finished: bool = False,
+) -> RunDirectory:
+    """The run below `root` with this identity, made by `create` where there is none.
+
+    Of many processes that ask at once, one makes it and all others find it.
+
+    Raises:
+        RunDirectoryError: another process has been looking for a minute.
+        StorageError: the folder cannot be written.
+    """
+    root = Path(root).absolute()
+    with storage_errors(f"cannot make a run directory in {root}", ELSEWHERE):
+        root.mkdir(parents=True, exist_ok=True)
+
+    def in_use() -> RunDirectoryError:
+        return RunDirectoryError(
+            f"{root / RUNS_LOCK} has been held for {CREATE_TIMEOUT_S:.0f} s by another process "
+            "that makes a run there: try again"
+        )
+
+    with hold(root / RUNS_LOCK, in_use, CREATE_TIMEOUT_S):
+        return find_run(root, identity, prefer_finished) or create()

@@ -1,0 +1,143 @@
+"""``tlr-train -m``: plans the sweep, waits for its turn, works it off, says how it ended."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from tlr_exp.config import ConfigError
+from tlr_exp.records.mirror import Mirror, hide_password
+from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
+from tlr_exp.records.storage import StorageError
+from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
+from tlr_exp.sweeps.display import make_sweep_display, print_table
+from tlr_exp.sweeps.hydra_callback import HydraLauncher
+from tlr_exp.sweeps.monitor import Monitor, job_log
+from tlr_exp.sweeps.parallel import LauncherError
+from tlr_exp.sweeps.plan import make_plan
+from tlr_exp.sweeps.progress import JobState, Pace, job_states
+from tlr_exp.sweeps.session import Session
+from tlr_exp.sweeps.spec import Plan, PlannedJob
+from tlr_exp.sweeps.stopping import Stopper, clear_stop
+from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask
+from tlr_exp.train import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
+
+TURN_S = 1.0  # how often it is looked whether another process has left the sweep
+
+
+def run_sweep(config: DictConfig) -> int:
+    """The whole sweep that Hydra's multirun configuration describes; its exit status.
+
+    0: every job is trained; 1: some failed; 2: the configuration is wrong and nothing was started;
+    130: interrupted.
+    """
+    try:
+        plan = make_plan(config)
+        folder = plan.study_folder / SWEEPS / f"{plan.name}-{plan.sweep_id}"
+        task = JobTask(str(folder), None if plan.parallelism.detached else os.getpid())
+        launcher = HydraLauncher(config, folder, task, plan.parallelism)
+    except (ConfigError, LauncherError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_CONFIG
+    try:
+        sweep = SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id)
+        with turn(sweep, plan):
+            clear_stop(sweep.path)
+            return _work(plan, sweep, launcher)
+    except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except (SweepDirectoryError, RunDirectoryError, StorageError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+
+
+@contextmanager
+def turn(sweep: SweepDirectory, plan: Plan) -> Iterator[None]:
+    """Hold the sweep; while another process does, show how far that is."""
+    display = None
+    while True:
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(sweep.lock(timeout_s=0.2))
+            except SweepDirectoryError as error:
+                if display is None:
+                    display = make_sweep_display(plan.name, pace := Pace(None))
+                    display.say(f"{error}\nWaiting for it; Ctrl-C leaves it alone.")
+                states = job_states(sweep, plan.jobs)
+                pace.note(states, time.monotonic())
+                display.show(states, "")
+                time.sleep(TURN_S)
+                continue
+            if display is not None:
+                display.close()
+            yield
+            return
+
+
+def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
+    def launch(jobs: Sequence[PlannedJob]) -> None:
+        launcher.launch([(job.num, job.overrides) for job in jobs], JOB_VARIABLE)
+
+    pace = Pace(plan.parallelism.slots)
+    display = make_sweep_display(plan.name, pace)
+    with Stopper(sweep.path) as stopper:
+        session = Session(plan, sweep, launch, stopper, display.say)
+        sweep.begin(_command(), len(plan.jobs), plan.description, {"scale": plan.scale})
+        sweep.set_status(RUNNING, arms=list(plan.arms))
+        session.prepare()
+        mirror = Mirror.start(sweep, plan.uri, plan.study)
+        monitor = Monitor(plan, sweep, stopper, display, pace, lambda: session.elsewhere)
+        monitor.start()
+        try:
+            session.work_off()
+        except BaseException:
+            sweep.set_status(INTERRUPTED if stopper.stopping else FAILED)
+            raise
+        finally:
+            states = monitor.finish()
+    status = _status_of(states, stopper.stopping)
+    sweep.set_status(status)
+    _say_how_it_ended(plan, sweep, states, status)
+    if session.launcher_error is not None:
+        print(session.launcher_error, file=sys.stderr)
+    if not mirror.finish():
+        print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
+    return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(status, EXIT_FAILED)
+
+
+def _status_of(states: Sequence[JobState], stopped: bool) -> str:
+    if all(state.status == FINISHED for state in states):
+        return FINISHED
+    return INTERRUPTED if stopped else FAILED
+
+
+def _say_how_it_ended(
+    plan: Plan, sweep: SweepDirectory, states: Sequence[JobState], status: str
+) -> None:
+    print()
+    print_table(states, [job_log(sweep.path, state) for state in states])
+    print(f"\nsweep directory  {sweep.path}")
+    if plan.uri is not None:
+        served = plan.uri.startswith("http")
+        address = hide_password(plan.uri)
+        print(f"dashboard        {'' if served else 'mlflow server --backend-store-uri '}{address}")
+    if status == FINISHED:
+        print(f"{plan.name}: all {len(states)} jobs are trained")
+        return
+    failed = [str(state.num) for state in states if state.status == FAILED]
+    rest = sum(state.status != FINISHED for state in states)
+    print(f"{plan.name}: {status}; {rest} of {len(states)} jobs are not trained to the end", end="")
+    print(f"; failed: {', '.join(failed)}" if failed else "")
+    print("go on            repeat the command: what is trained is kept, the rest is gone on with")
+
+
+def _command() -> str:
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])

@@ -1,0 +1,128 @@
+"""What a person sees of a sweep: events, one line of progress with ETA, and a table at the end."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from tlr_exp.progress import clock
+from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.sweep_directory import WAITING
+from tlr_exp.sweeps.progress import JobState, Pace, counts
+
+PLAIN_INTERVAL_S = 30.0
+LOGS_WIDTH = 160  # columns of the table where no terminal sets them
+STYLES = {FINISHED: "green", FAILED: "red", INTERRUPTED: "yellow", RUNNING: "cyan", WAITING: "dim"}
+
+
+class SweepDisplay(Protocol):
+    """Shows a sweep while it goes on."""
+
+    def say(self, line: str) -> None:
+        """A line that stays."""
+        ...
+
+    def show(self, states: Sequence[JobState], note: str) -> None:
+        """The states now, and what is to be known besides."""
+        ...
+
+    def close(self) -> None: ...
+
+
+def progress_line(states: Sequence[JobState], pace: Pace, note: str = "") -> str:
+    """Jobs by status, iterations, time left: the sweep in one line."""
+    count = counts(states)
+    parts = [f"{count[FINISHED]} of {len(states)} jobs done"]
+    parts += [f"{count[s]} {s}" for s in (RUNNING, FAILED, INTERRUPTED, WAITING) if count[s]]
+    done, total = sum(state.done for state in states), sum(state.total for state in states)
+    parts.append(f"iteration {done} of {total}")
+    if count[RUNNING] or count[WAITING]:
+        eta = pace.eta_s(states)
+        parts.append(f"ETA {'…' if eta is None else clock(eta)}")
+    return "  ".join([*parts, note] if note else parts)
+
+
+class PlainSweepDisplay:
+    """The line whenever a job changed its state, otherwise every ``interval_s`` seconds."""
+
+    def __init__(self, name: str, pace: Pace, interval_s: float = PLAIN_INTERVAL_S) -> None:
+        self.name, self.pace, self.interval_s = name, pace, interval_s
+        self._shown_at = -float("inf")
+        self._shown: object = None
+
+    def say(self, line: str) -> None:
+        print(line, flush=True)
+
+    def show(self, states: Sequence[JobState], note: str) -> None:
+        now, seen = time.monotonic(), (counts(states), note)
+        if seen == self._shown and now - self._shown_at < self.interval_s:
+            return
+        self._shown_at, self._shown = now, seen
+        print(f"{self.name}: {progress_line(states, self.pace, note)}", flush=True)
+
+    def close(self) -> None:
+        pass
+
+
+class LiveSweepDisplay:
+    """A bar and the line, redrawn in place; lines that stay scroll away above it."""
+
+    def __init__(self, name: str, pace: Pace, console: Console) -> None:
+        self.pace = pace
+        self.bar = Progress(
+            TextColumn(escape(name)),
+            BarColumn(bar_width=20),
+            TextColumn("{task.fields[line]}"),
+            console=console,
+        )
+        self.task = self.bar.add_task("", total=1, line="")
+        self.bar.start()
+
+    def say(self, line: str) -> None:
+        self.bar.console.print(escape(line), highlight=False, soft_wrap=True)
+
+    def show(self, states: Sequence[JobState], note: str) -> None:
+        self.bar.update(
+            self.task,
+            completed=sum(state.done for state in states),
+            total=sum(state.total for state in states),
+            line=escape(progress_line(states, self.pace, note)),
+        )
+
+    def close(self) -> None:
+        self.bar.stop()
+
+
+def make_sweep_display(name: str, pace: Pace) -> SweepDisplay:
+    """A live line on a terminal, plain lines elsewhere."""
+    if sys.stdout.isatty():
+        return LiveSweepDisplay(name, pace, Console())
+    return PlainSweepDisplay(name, pace)
+
+
+def print_table(states: Sequence[JobState], logs: Sequence[Path | None]) -> None:
+    """Each job with its end; below, why jobs failed and where that is written."""
+    console = Console() if sys.stdout.isatty() else Console(width=LOGS_WIDTH)
+    table = Table(box=None, pad_edge=False)
+    for title in ("job", "what differs", "status", "run directory"):
+        table.add_column(title, overflow="fold")
+    for state in states:
+        style = STYLES.get(state.status, "")
+        status = f"[{style}]{state.status}[/]" if style else state.status
+        unfinished = state.run is not None and state.status != FINISHED
+        reached = f" at {state.done} of {state.total}" if unfinished else ""
+        run = "" if state.run is None else state.run.name
+        table.add_row(str(state.num), escape(state.label), status + reached, escape(run))
+    console.print(table)
+    for state, log in zip(states, logs, strict=True):
+        if state.status == FAILED:
+            console.print(f"job {state.num} failed: {state.error}", markup=False, highlight=False)
+            console.print(f"    log {log}", markup=False, highlight=False, soft_wrap=True)

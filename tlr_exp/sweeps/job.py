@@ -1,0 +1,136 @@
+"""The process of one job: ``python -m tlr_exp.sweeps.job SWEEP NUM [--with-pid PID]``.
+
+It finds or makes the run of its configuration, trains it, and writes how it ended into its record.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from tlr_exp.config import ConfigError, load_settings
+from tlr_exp.records.run_directory import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    RUNNING,
+    RunDirectory,
+    RunDirectoryError,
+    RunInUseError,
+)
+from tlr_exp.records.storage import StorageError
+from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.sweeps.spec import RUN_LOG, read_spec
+from tlr_exp.sweeps.stopping import Watch
+from tlr_exp.sweeps.task import ELSEWHERE, one_line
+from tlr_exp.sync import WatchedProcess
+from tlr_exp.train import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    check_inputs,
+    explained_failures,
+    open_run,
+    train_in,
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. 0: trained; 1: failed; 130: interrupted; 75: another process trains it."""
+    options = _parser().parse_args(arguments)
+    # The parent may ignore SIGINT, which a new process inherits.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    sweep_process = None if options.with_pid is None else WatchedProcess(options.with_pid)
+    watch = Watch(options.sweep, lambda: sweep_process is None or sweep_process.alive())
+    watch.start()
+    sweep = SweepDirectory(options.sweep)
+    try:
+        status = train_job(sweep, options.num)
+    except RunInUseError as error:
+        print(error)
+        sweep.write_job(options.num, WAITING)
+        return ELSEWHERE
+    except KeyboardInterrupt:
+        sweep.write_job(options.num, INTERRUPTED)
+        return EXIT_INTERRUPTED
+    except Exception as error:
+        _report(error)
+        with suppress(StorageError):
+            sweep.write_job(options.num, FAILED, error=one_line(error))
+        return EXIT_FAILED
+    finally:
+        watch.finish()
+    sweep.write_job(options.num, status)
+    return 0 if status == FINISHED else EXIT_INTERRUPTED
+
+
+def train_job(sweep: SweepDirectory, num: int) -> str:
+    """Train the run of job ``num``, or find that it is trained; how it ended.
+
+    Raises:
+        RunInUseError: another process trains it.
+        Exception: whatever went wrong in the training.
+    """
+    spec = read_spec(sweep.path, num)
+    settings = load_settings(spec.config)
+    check_inputs(settings)
+    run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
+    _note(sweep, num, run, WAITING)
+    with run.lock():
+        # Looked at again: whoever held the lock a moment ago may have finished it.
+        if run.status == FINISHED:
+            return FINISHED
+        _note(sweep, num, run, RUNNING)
+        _print_into(run.path / RUN_LOG)
+        try:
+            # Into MLflow it comes with the whole sweep, by one process.
+            return train_in(run, settings, None).status
+        except KeyboardInterrupt:
+            # It can come when all is done and written.
+            return run.status
+
+
+def _note(sweep: SweepDirectory, num: int, run: RunDirectory, status: str) -> None:
+    sweep.write_job(num, status, run=run.path.name, run_id=run.manifest["run_id"])
+
+
+def _print_into(log: Path) -> None:
+    """Let all that this process prints from now on, libraries included, go to the file ``log``."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for stream in (1, 2):
+        os.dup2(descriptor, stream)
+    os.close(descriptor)
+
+
+def _report(error: Exception) -> None:
+    """Print what went wrong into the log; without a traceback where the message says it all."""
+    explained = (ConfigError, RunDirectoryError, StorageError, *explained_failures())
+    if isinstance(error, explained):
+        print(error, file=sys.stderr)
+    else:
+        traceback.print_exception(error)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tlr_exp.sweeps.job",
+        description="One job of a sweep; started by the sweep, not by people.",
+    )
+    parser.add_argument("sweep", type=Path, help="the sweep directory")
+    parser.add_argument("num", type=int, help="the number of the job")
+    parser.add_argument(
+        "--with-pid", type=int, metavar="PID", help="end, with a checkpoint, when PID does"
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

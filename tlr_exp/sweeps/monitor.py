@@ -1,0 +1,100 @@
+"""Looks at a sweep while its main thread waits for a launcher, and shows what it sees."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
+
+from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.sweep_directory import SweepDirectory
+from tlr_exp.sweeps.display import SweepDisplay
+from tlr_exp.sweeps.progress import JobState, Pace, job_states
+from tlr_exp.sweeps.spec import RUN_LOG, Plan, log_path
+from tlr_exp.sweeps.stopping import Stopper
+
+LOOK_S = 0.5
+
+
+class Monitor(threading.Thread):
+    """Shows states and events, and lets the sweep go where only a cluster's queue is waited for.
+
+    Args:
+        elsewhere: gives the numbers of the jobs that other processes train.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        sweep: SweepDirectory,
+        stopper: Stopper,
+        display: SweepDisplay,
+        pace: Pace,
+        elsewhere: Callable[[], Collection[int]],
+    ) -> None:
+        super().__init__(daemon=True, name="monitor")
+        self.plan, self.sweep, self.stopper = plan, sweep, stopper
+        self.display, self.pace, self._elsewhere = display, pace, elsewhere
+        self._seen: dict[int, str] = {}
+        self._done = threading.Event()
+        self._left = False
+
+    def run(self) -> None:
+        while not self._done.wait(LOOK_S):
+            self.look()
+
+    def finish(self) -> list[JobState]:
+        """Stop looking, after a last look; the final states."""
+        self._done.set()
+        self.join()
+        states = self.look()
+        self.display.close()
+        return states
+
+    def look(self) -> list[JobState]:
+        """Read, tell what is new, show the rest in one line."""
+        states = job_states(self.sweep, self.plan.jobs)
+        for state in states:
+            if self._seen.get(state.num, state.status) != state.status:
+                self._announce(state)
+            self._seen[state.num] = state.status
+        self.pace.note(states, time.monotonic())
+        self.display.show(states, self._note())
+        self._leave_the_queue(states)
+        return states
+
+    def _announce(self, state: JobState) -> None:
+        job = f"job {state.num} ({state.label})"
+        log = job_log(self.sweep.path, state)
+        if state.status == RUNNING:
+            self.display.say(f"{job} runs, log {log}")
+        elif state.status == FINISHED and self._seen[state.num] == RUNNING:
+            self.display.say(f"{job} has finished")
+        elif state.status == FAILED:
+            self.display.say(f"{job} FAILED: {state.error}\n    log {log}")
+        elif state.status == INTERRUPTED:
+            self.display.say(f"{job} was interrupted at iteration {state.done} of {state.total}")
+
+    def _note(self) -> str:
+        if self.stopper.stopping:
+            return "stopping after this iteration of each job; Ctrl-C again kills them"
+        elsewhere = self._elsewhere()
+        return f"{len(elsewhere)} trained by others" if elsewhere else ""
+
+    def _leave_the_queue(self, states: Sequence[JobState]) -> None:
+        """Jobs in the queue of a cluster look for the stop when they start: nobody need wait."""
+        detached = self.plan.parallelism.detached
+        if not (detached and self.stopper.stopping) or self._left or self._done.is_set():
+            return
+        if not any(state.status == RUNNING for state in states):
+            self._left = True
+            self.stopper.leave()
+
+
+def job_log(sweep: Path, state: JobState) -> Path:
+    """Where to read what a job printed: in its run directory, or beside its record."""
+    log = None if state.run is None else state.run / RUN_LOG
+    path = log if log is not None and log.exists() else log_path(sweep, state.num)
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

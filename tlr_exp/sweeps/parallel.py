@@ -1,0 +1,65 @@
+"""How many jobs a launcher runs at once on how many threads, and whether they outlive the sweep."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+# PyTorch, NumPy and MuJoCo's helpers read these when they are loaded.
+THREAD_VARIABLES = (
+    *("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"),
+    "NUMEXPR_NUM_THREADS",
+)
+
+
+class LauncherError(RuntimeError):
+    """The launcher is not installed, refuses its settings, or broke down."""
+
+
+@dataclass(frozen=True)
+class Parallelism:
+    """What a launcher does with the jobs.
+
+    Attributes:
+        slots: jobs at once at most; None where a cluster decides.
+        threads: of each job; 0 = all cores that the job is given.
+        detached: the jobs go on when the process of the sweep ends, and may be on other machines.
+    """
+
+    slots: int | None
+    threads: int
+    detached: bool
+
+
+def parallelism(launcher: Mapping[str, Any], num_jobs: int, cores: int) -> Parallelism:
+    """What the launcher of this configuration node does with ``num_jobs`` on ``cores``.
+
+    Threads are shared out so that jobs on the same machine do not fight for its cores. A launcher
+    that is not one of the presets' counts as a cluster.
+    """
+    name = str(launcher.get("_target_", "")).rpartition(".")[2]
+    if name == "BasicLauncher":
+        return Parallelism(1, cores, detached=False)
+    if name == "JoblibLauncher":
+        slots = _joblib_slots(launcher.get("n_jobs", -1), num_jobs, cores)
+        return Parallelism(slots, max(1, cores // slots), detached=False)
+    if name == "LocalLauncher":  # submitit's: starts all jobs at once
+        given = launcher.get("cpus_per_task")
+        return Parallelism(num_jobs, int(given or max(1, cores // num_jobs)), detached=True)
+    if name == "RayLauncher":
+        given = (launcher.get("ray") or {}).get("remote", {}).get("num_cpus")
+        return Parallelism(None, max(1, int(given or 1)), detached=False)
+    return Parallelism(None, 0, detached=True)
+
+
+def _joblib_slots(n_jobs: int, num_jobs: int, cores: int) -> int:
+    """joblib's own reading: -1 is all cores, -2 all but one, and so on."""
+    wanted = cores + 1 + n_jobs if n_jobs < 0 else n_jobs
+    return max(1, min(wanted, num_jobs))
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,241 @@
+"""From Hydra's configuration of a sweep to its jobs: all composed and checked before any starts."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from hydra import compose
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+
+from tlr_exp.config import (
+    ConfigError,
+    load_settings,
+    plain_config,
+    run_identity,
+    with_absolute_paths,
+)
+from tlr_exp.records.runs import config_hash
+from tlr_exp.settings import Settings
+from tlr_exp.sweeps.parallel import available_cores, parallelism
+from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
+from tlr_exp.train import check_inputs, tracking_uri
+
+UNNAMED = "multirun"
+SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job
+
+
+def make_plan(config: DictConfig) -> Plan:
+    """The jobs that Hydra's multirun configuration asks for, each composed and checked.
+
+    Raises:
+        ConfigError: names for every mistake the jobs that have it.
+    """
+    hydra = config.hydra
+    if str(hydra.sweeper.get("_target_")).rpartition(".")[2] != "BasicSweeper":
+        raise ConfigError("hydra/sweeper: only basic knows its jobs before they are started")
+    choices = split_overrides(_task_overrides(hydra))
+    everything = [tuple(combination) for combination in itertools.product(*choices.values())]
+    how = parallelism(
+        OmegaConf.to_container(hydra.launcher, resolve=True),  # type: ignore[arg-type]
+        len(everything),
+        available_cores(),
+    )
+    differing = [key for key, values in choices.items() if len(values) > 1]
+    labels = [_label(overrides, differing) for overrides in everything]
+    composed = _compose_all(hydra, everything, labels)
+    shared = _check_all(composed, labels, check_device=not how.detached)
+    jobs = tuple(
+        PlannedJob(
+            num=num,
+            overrides=everything[num],
+            label=labels[num],
+            identity=run_identity(plain),
+            iterations=settings.scale.iterations,
+            spec=_spec(plain, method, how.threads, settings.resume != "never"),
+        )
+        for num, (plain, settings, method) in enumerate(composed)
+    )
+    _refuse_duplicates(jobs)
+    preset = hydra.runtime.choices.get("sweep")
+    identities = [job.identity for job in jobs]
+    return Plan(
+        name=preset or UNNAMED,
+        sweep_id=config_hash({"study": shared.study, "jobs": identities}),
+        study=shared.study,
+        study_folder=Path(shared.runs_dir).absolute() / shared.study,
+        description=_description(preset),
+        arms=tuple(key.lstrip("+") for key in differing if key.lstrip("+") != "seed"),
+        scale=shared.scale.name,
+        jobs=jobs,
+        parallelism=how,
+        uri=tracking_uri(shared),
+        go_on=shared.resume != "never",
+    )
+
+
+def split_overrides(overrides: Sequence[str]) -> dict[str, list[str]]:
+    """For each key the overrides that its jobs have, one per value; of a key given twice the last.
+
+    Lists (``a=1,2``), ranges, choices and globs are sweeps.
+
+    Raises:
+        ConfigError: an override that is none, or one without single values, such as an interval.
+    """
+    loader = GlobalHydra.instance().config_loader()
+    try:
+        parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
+    except HydraException as error:
+        raise ConfigError(str(error)) from error
+    choices: dict[str, list[str]] = {}
+    for override in parsed:
+        key = override.get_key_element()
+        if not override.is_sweep_override():
+            choices[key] = [str(override.input_line)]
+        elif override.is_discrete_sweep():
+            choices[key] = [f"{key}={value}" for value in override.sweep_string_iterator()]
+        else:
+            raise ConfigError(f"{override.input_line}: a sweep needs single values")
+        if not choices[key]:
+            raise ConfigError(f"{override.input_line}: there is nothing that it could mean")
+    return choices
+
+
+def _task_overrides(hydra: DictConfig) -> list[str]:
+    preset = [f"{key}={value}" for key, value in (hydra.sweeper.params or {}).items()]
+    return [*preset, *(str(override) for override in hydra.overrides.task)]
+
+
+def _label(overrides: Sequence[str], differing: Sequence[str]) -> str:
+    """What tells a job from the others; of a single job, all that was asked for."""
+    told = [o for o in overrides if o.partition("=")[0] in differing]
+    return " ".join(override.lstrip("+") for override in told or overrides) or "as configured"
+
+
+# --- composing and checking ------------------------------------------------------------------
+Composed = tuple[dict[str, Any], Settings, str]  # plain configuration, settings, optimizer
+
+
+def _compose_all(
+    hydra: DictConfig, everything: Sequence[Sequence[str]], labels: Sequence[str]
+) -> list[Composed]:
+    mistakes = Mistakes(labels)
+    composed = []
+    for num, overrides in enumerate(everything):
+        try:
+            one = compose(
+                hydra.job.config_name,
+                [*hydra.overrides.hydra, *overrides],
+                return_hydra_config=True,
+            )
+            plain = with_absolute_paths(plain_config(one))
+            composed.append((plain, load_settings(plain), one.hydra.runtime.choices["optimizer"]))
+        except (HydraException, ConfigError) as error:
+            mistakes.add(num, error)
+    mistakes.raise_any()
+    return composed
+
+
+def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device: bool) -> Settings:
+    """Read each motion and model once; the settings of the first job, which all share in part."""
+    mistakes = Mistakes(labels)
+    checked: dict[str, Exception | None] = {}
+    first = composed[0][1]
+    for num, (plain, settings, _) in enumerate(composed):
+        key = json.dumps([plain["env"], plain["device"]], sort_keys=True)
+        if key not in checked:
+            try:
+                checked[key] = check_inputs(settings, check_device)
+            except ConfigError as error:
+                checked[key] = error
+        mistakes.add(num, checked[key])
+        for name in SHARED:
+            if getattr(settings, name) != getattr(first, name):
+                mistakes.add(num, ConfigError(f"{name} must be the same in every job of a sweep"))
+    mistakes.raise_any()
+    return first
+
+
+def _spec(plain: Mapping[str, Any], method: str, threads: int, go_on: bool) -> JobSpec:
+    """The job on its share of the cores, where the configuration leaves the number open (0)."""
+    physics = dict(plain["physics"])
+    if physics.get("num_threads") == 0:
+        physics["num_threads"] = threads
+    return JobSpec(
+        config={**plain, "physics": physics, "num_threads": plain["num_threads"] or threads},
+        method=method,
+        threads=plain["num_threads"] or threads,
+        go_on=go_on,
+    )
+
+
+def _refuse_duplicates(jobs: Sequence[PlannedJob]) -> None:
+    seen: dict[str, PlannedJob] = {}
+    for job in jobs:
+        other = seen.setdefault(job.identity, job)
+        if other is not job:
+            raise ConfigError(
+                f"jobs {other.num} ({other.label}) and {job.num} ({job.label}) learn the same: "
+                "what they differ in does not change what is learned. Give each run once."
+            )
+
+
+class Mistakes:
+    """What is wrong with the jobs of a sweep; the same mistake of several is told once."""
+
+    def __init__(self, labels: Sequence[str]) -> None:
+        self.labels = labels
+        self.jobs: dict[str, list[int]] = {}
+
+    def add(self, num: int, error: Exception | None) -> None:
+        """Note it for job ``num``; None is no mistake."""
+        if error is not None:
+            self.jobs.setdefault(str(error).strip(), []).append(num)
+
+    def raise_any(self) -> None:
+        """
+        Raises:
+            ConfigError: where there are any.
+        """
+        if self.jobs:
+            raise ConfigError("\n".join(self._line(*item) for item in self.jobs.items()))
+
+    def _line(self, message: str, nums: Sequence[int]) -> str:
+        if len(nums) == len(self.labels):
+            return message
+        shown = ", ".join(f"{num} ({self.labels[num]})" for num in nums[:3])
+        more = f" and {len(nums) - 3} more" if len(nums) > 3 else ""
+        return f"{'job' if len(nums) == 1 else 'jobs'} {shown}{more}: {message}"
+
+
+# --- presets ---------------------------------------------------------------------------------
+def _description(preset: str | None) -> str:
+    """The comment at the head of a preset: the question that the sweep asks."""
+    path = None if preset is None else _preset_path(preset)
+    if path is None:
+        return ""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    comments = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    words = [line.lstrip("# ").rstrip() for line in comments if "@package" not in line]
+    return " ".join(word for word in words if word)
+
+
+def _preset_path(preset: str) -> Path | None:
+    loader = GlobalHydra.instance().config_loader()
+    for source in loader.get_sources():
+        if source.scheme() == "pkg":
+            path = Path(str(files(source.path))) / "sweep" / f"{preset}.yaml"
+        elif source.scheme() == "file":
+            path = Path(source.path) / "sweep" / f"{preset}.yaml"
+        else:
+            continue
+        if path.is_file():
+            return path
+    return None

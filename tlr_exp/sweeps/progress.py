@@ -1,0 +1,127 @@
+"""How far a sweep is, read from what its jobs have written, and how long it will take."""
+
+from __future__ import annotations
+
+import heapq
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tlr_exp.records.run_directory import FINISHED, METRICS, RUNNING
+from tlr_exp.records.sweep_directory import WAITING, SweepDirectory, SweepDirectoryError
+from tlr_exp.sweeps.spec import PlannedJob
+
+_TAIL_BYTES = 1 << 16  # longer than any line of metrics
+
+
+@dataclass(frozen=True)
+class JobState:
+    """One job now: its record, and how many of its iterations are done."""
+
+    num: int
+    label: str
+    status: str
+    run: Path | None
+    error: str | None
+    done: int
+    total: int
+
+
+def job_states(sweep: SweepDirectory, jobs: Sequence[PlannedJob]) -> list[JobState]:
+    """The state of each planned job, as it stands on disk."""
+    return [_state(sweep, job) for job in jobs]
+
+
+def _state(sweep: SweepDirectory, job: PlannedJob) -> JobState:
+    try:
+        record = sweep.job(job.num)
+    except SweepDirectoryError:  # not written yet
+        return JobState(job.num, job.label, WAITING, None, None, 0, job.iterations)
+    run = None if record.run is None else sweep.study_folder / record.run
+    done = 0 if run is None else last_iteration(run / METRICS)
+    if record.status == FINISHED:
+        done = job.iterations
+    return JobState(
+        num=job.num,
+        label=job.label,
+        status=record.status,
+        run=run,
+        error=record.error,
+        done=min(done, job.iterations),
+        total=job.iterations,
+    )
+
+
+def last_iteration(metrics: Path) -> int:
+    """The iteration of the last whole line of a metrics file; 0 where there is none."""
+    with suppress(OSError), open(metrics, "rb") as file:
+        size = file.seek(0, 2)
+        file.seek(max(0, size - _TAIL_BYTES))
+        for line in reversed(file.read().split(b"\n")[:-1]):
+            with suppress(ValueError, KeyError, TypeError):
+                return int(json.loads(line)["iteration"])
+    return 0
+
+
+def counts(states: Sequence[JobState]) -> Mapping[str, int]:
+    """How many jobs there are of each status."""
+    return Counter(state.status for state in states)
+
+
+class Pace:
+    """Seconds that an iteration takes in this sweep, and what that means for the rest.
+
+    Args:
+        slots: jobs at once; None where a cluster decides, which is then learned from what is seen.
+    """
+
+    def __init__(self, slots: int | None) -> None:
+        self._slots = slots
+        self._seen_slots = 1
+        self._start: dict[int, tuple[float, int]] = {}
+        self._spent: dict[int, tuple[float, int]] = {}
+
+    def note(self, states: Sequence[JobState], now_s: float) -> None:
+        """Take in what the jobs have done until ``now_s`` (any clock)."""
+        running = [state for state in states if state.status == RUNNING]
+        self._seen_slots = max(self._seen_slots, len(running))
+        for state in running:
+            start_s, first = self._start.setdefault(state.num, (now_s, state.done))
+            # A resumed job drops the iterations after its checkpoint.
+            first = min(first, state.done)
+            self._start[state.num] = (start_s, first)
+            self._spent[state.num] = (now_s - start_s, state.done - first)
+
+    @property
+    def seconds_per_iteration(self) -> float | None:
+        """Mean over the jobs, their start-up included; None before the first iteration."""
+        seconds = sum(spent for spent, _ in self._spent.values())
+        iterations = sum(done for _, done in self._spent.values())
+        return seconds / iterations if iterations else None
+
+    def eta_s(self, states: Sequence[JobState]) -> float | None:
+        """Seconds until the last job ends, given to the slots as they become free; None: unknown.
+
+        Jobs that have failed or were interrupted are not counted on.
+        """
+        pace = self.seconds_per_iteration
+        if pace is None:
+            return None
+        left = {RUNNING: list[int](), WAITING: list[int]()}
+        for state in states:
+            if state.status in left:
+                left[state.status].append(state.total - state.done)
+        return pace * makespan(left[RUNNING], left[WAITING], self._slots or self._seen_slots)
+
+
+def makespan(running: Sequence[int], waiting: Sequence[int], slots: int) -> int:
+    """When the last of all tasks ends, each next one starting where a slot becomes free first."""
+    free = sorted(running)
+    free += [0] * (slots - len(free))
+    heapq.heapify(free)
+    for task in waiting:
+        heapq.heappush(free, heapq.heappop(free) + task)
+    return max(free, default=0)

@@ -1,0 +1,123 @@
+"""What a launcher runs for each job: it starts a fresh process and waits for it.
+
+Launchers run many jobs in one process (Hydra's own) or in workers that they use again (joblib).
+Nothing of a job may be left for the next one, so no job trains in them.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING
+from tlr_exp.records.storage import StorageError
+from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.sweeps.parallel import THREAD_VARIABLES
+from tlr_exp.sweeps.spec import log_path, read_spec
+from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
+from tlr_exp.train import OPENMP_DEFAULTS
+
+JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
+ELSEWHERE = 75  # exit status of a job whose run another process trains (EX_TEMPFAIL)
+
+
+class JobTask:
+    """The task function of a sweep: callable with Hydra's configuration, which it does not need.
+
+    It never raises, because launchers disagree on what follows: how a job ended stands in its
+    record.
+
+    Args:
+        sweep: the sweep directory, absolute.
+        sweep_pid: the process with which the jobs end; None where they outlive it.
+    """
+
+    def __init__(self, sweep: str, sweep_pid: int | None) -> None:
+        self.sweep, self.sweep_pid = sweep, sweep_pid
+        self.host, self.folder = socket.gethostname(), os.getcwd()
+        self.main_process = os.getpid()
+
+    def __call__(self, config: Any) -> None:
+        num = int(os.environ[JOB_VARIABLE])
+        if os.getpid() != self.main_process:
+            _leave_ctrl_c_to_the_sweep()
+        try:
+            if stop_requested(Path(self.sweep)) is None:
+                self._run(num)
+        except Exception as error:
+            with suppress(StorageError):
+                SweepDirectory(self.sweep).write_job(num, FAILED, error=one_line(error))
+
+    def _run(self, num: int) -> None:
+        sweep = SweepDirectory(self.sweep)
+        spec = read_spec(sweep.path, num)
+        command = [sys.executable, "-m", "tlr_exp.sweeps.job", self.sweep, str(num)]
+        if self.sweep_pid is not None and socket.gethostname() == self.host:
+            command += ["--with-pid", str(self.sweep_pid)]
+        with open(log_path(sweep.path, num), "ab") as log:
+            process = subprocess.Popen(
+                command,
+                cwd=self.folder,
+                env=job_environment(os.environ, spec.threads),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,  # Ctrl-C in the terminal is for the sweep alone
+            )
+        returned = _wait(process, sweep.path)
+        _close(sweep, num, returned)
+
+
+def job_environment(environment: Mapping[str, str], threads: int) -> dict[str, str]:
+    """The environment of a job on ``threads`` threads; 0 leaves the number to the libraries."""
+    kept = {name: value for name, value in environment.items() if name not in THREAD_VARIABLES}
+    kept.pop(JOB_VARIABLE, None)
+    limits = {name: str(threads) for name in THREAD_VARIABLES} if threads else {}
+    return {**OPENMP_DEFAULTS, **kept, **limits}
+
+
+def _leave_ctrl_c_to_the_sweep() -> None:
+    """A worker that dies of the terminal's Ctrl-C could not see its job through to the end."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _wait(process: subprocess.Popen[bytes], sweep: Path) -> int:
+    while True:
+        try:
+            return process.wait(POLL_S)
+        except subprocess.TimeoutExpired:
+            if stop_requested(sweep) == KILL:
+                process.kill()
+
+
+def _close(sweep: SweepDirectory, num: int, returned: int) -> None:
+    """Write how the job ended where it could not do so itself."""
+    if sweep.job(num).status not in (WAITING, RUNNING) or returned == ELSEWHERE:
+        return
+    if stop_requested(sweep.path):
+        sweep.write_job(num, INTERRUPTED, error="stopped before it could save a checkpoint")
+        return
+    sweep.write_job(num, FAILED, error=_how_it_died(returned))
+
+
+def _how_it_died(returned: int) -> str:
+    if returned == -signal.SIGKILL:
+        return "killed by SIGKILL (by the system where memory ran out, or by a person)"
+    if returned < 0:
+        return f"killed by {signal.Signals(-returned).name}"
+    return f"ended with status {returned} without saying why"
+
+
+def one_line(error: BaseException) -> str:
+    """What went wrong for a record: the kind of error and the last line of its message."""
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__
