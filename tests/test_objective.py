@@ -6,7 +6,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tlr_exp.objective import RankDeviation, _shifts_by_full_sort, squared_shifts_
+from tlr_exp.objective import (
+    RankDeviation,
+    RetainedShare,
+    _shifts_by_full_sort,
+    retained_counts,
+    squared_shifts_,
+)
 
 # Six trajectories A..F and two terms. With the share 0.34, K = floor(2.04) = 2: the candidates
 # are A (N_ini = 1) and B (N_ini = 2).
@@ -179,6 +185,51 @@ def test_the_search_and_the_full_sort_agree(case, share: float) -> None:
     num_candidates = RankDeviation(share).num_candidates(len(goal))
     by_sort = _shifts_by_full_sort(total_return, num_candidates)
     assert torch.equal(squared_shifts_(total_return.clone(), num_candidates), by_sort)
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        # The cases of the paper's J above: how many of A and B left the best two.
+        ([0.0, 0.0], 0.0),
+        ([1.0, 1.0], 1.0),  # order C D A E F B: both
+        ([1.0, 0.0], 0.5),  # B C D A E F: A
+        ([0.5, 0.0], 0.0),  # B A C, as A is before C at equal r_t
+        ([0.6, 0.0], 0.5),  # B C A: A
+    ],
+)
+def test_the_retained_share_by_hand(weights: list[float], expected: float) -> None:
+    objective = RetainedShare(threshold_share=0.34).prepare(GOAL_RETURN, TERM_RETURNS)
+    assert objective(torch.tensor([weights, weights])).tolist() == [expected, expected]
+
+
+@settings(deadline=None, max_examples=150)
+@given(case=trajectories(), share=SHARES)
+def test_the_retained_share_equals_a_naive_count_where_ties_abound(case, share: float) -> None:
+    goal, terms, pack = case
+    objective = RetainedShare(share)
+    num_candidates = objective.num_candidates(len(goal))
+    at_first = sorted(range(len(goal)), key=lambda e: (-goal[e], [-value for value in terms[e]]))
+    expected = []
+    for weights in [[0.0] * len(pack[0]), *pack]:
+        total = [
+            goal[e] + sum(w * v for w, v in zip(weights, terms[e], strict=True))
+            for e in range(len(goal))
+        ]
+        after = sorted(range(len(goal)), key=lambda e: (-total[e], at_first.index(e)))
+        lost = set(at_first[:num_candidates]) - set(after[:num_candidates])
+        expected.append(len(lost) / num_candidates)
+    function = objective.prepare(torch.tensor(goal), torch.tensor(terms))
+    found = function(torch.tensor([[0.0] * len(pack[0]), *pack])).tolist()
+    assert found[0] == 0.0
+    assert found == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.gpu
+def test_an_accelerator_counts_the_same_candidates() -> None:
+    generator = torch.Generator().manual_seed(3)
+    total = (40 * torch.rand(5, 300, generator=generator)).round().double()
+    assert torch.equal(retained_counts(total.cuda(), 30).cpu(), retained_counts(total, 30))
 
 
 @pytest.mark.gpu

@@ -35,22 +35,40 @@ class Objective(Protocol):
         ...
 
 
-class RankDeviation:
-    """The paper's J: how far the best trajectories by goal reward fall in the total ranking.
+class TotalReturn:
+    """r_t = r_g + r_o(w) of one iteration's trajectories, as a function of the weights.
 
-    Equations 12 to 14: of E trajectories, the best K = floor(threshold_share * E) by goal return
-    r_g are the candidates, with initial ranks N_ini = 1..K. With r_t = r_g + r_o(w), N_aft is a
-    candidate's rank by r_t among all E, and
+    The trajectories stand in initial order: by r_g, those with equal r_g by their term returns,
+    larger first, first term first. Those equal in everything cannot be told apart. In this order
+    the arithmetic is the same to the bit however the environments were ordered.
 
-        J(w) = sum over the candidates with N_aft > K of ((N_ini - N_aft) / 100)^2.
+    r_t is computed in float64, so that reduced-precision matrix products (TF32) change no rank.
 
-    Ties, on which the paper is silent: trajectories with equal r_g are ordered by their term
-    returns, larger first, first term first; trajectories with equal r_t keep that initial order.
-    Those equal in everything cannot be told apart, and any order of them gives the same J.
-    Hence J does not depend on the order of the environments, and J(0) = 0 exactly.
+    Args:
+        goal_return: r_g of each trajectory [num_envs].
+        term_returns: signed return of each optimizing term at weight 1 [num_envs, num_terms].
 
-    r_t is computed and compared in float64, so that reduced-precision matrix products (TF32)
-    cannot change a rank.
+    Raises:
+        ValueError: see `check_returns`.
+    """
+
+    def __init__(self, goal_return: Tensor, term_returns: Tensor) -> None:
+        check_returns(goal_return, term_returns)
+        order = _initial_order(goal_return, term_returns)
+        self.goal = goal_return.detach()[order].double()
+        self.terms = term_returns.detach()[order].double().T.contiguous()
+        self._scratch = self.goal.new_empty(0)
+
+    def __call__(self, weights: Tensor) -> Tensor:
+        """r_t [pack, num_envs], float64, of weights [pack, num_terms]; until the next call."""
+        if self._scratch.shape != (len(weights), len(self.goal)):
+            # Reused from call to call: fresh pages would cost more than the product.
+            self._scratch = self.goal.new_empty(len(weights), len(self.goal))
+        return torch.addmm(self.goal, weights.to(self.goal), self.terms, out=self._scratch)
+
+
+class BestByGoal:
+    """What objectives share that look at the best trajectories by goal return, the candidates.
 
     Args:
         threshold_share: share of the trajectories that are candidates, strictly between 0 and 1.
@@ -85,6 +103,23 @@ class RankDeviation:
             )
         return num_candidates
 
+
+class RankDeviation(BestByGoal):
+    """The paper's J: how far the best trajectories by goal reward fall in the total ranking.
+
+    Equations 12 to 14: of E trajectories, the best K = floor(threshold_share * E) by goal return
+    r_g are the candidates, with initial ranks N_ini = 1..K. With r_t = r_g + r_o(w), N_aft is a
+    candidate's rank by r_t among all E, and
+
+        J(w) = sum over the candidates with N_aft > K of ((N_ini - N_aft) / 100)^2.
+
+    Ties, on which the paper is silent: trajectories with equal r_g are ordered by their term
+    returns (see `TotalReturn`); trajectories with equal r_t keep that initial order. Hence J does
+    not depend on the order of the environments, and J(0) = 0 exactly.
+
+    Arguments and errors as `BestByGoal`.
+    """
+
     def prepare(self, goal_return: Tensor, term_returns: Tensor) -> WeightFunction:
         """J as a function of the weights, for the trajectories of one iteration.
 
@@ -99,24 +134,34 @@ class RankDeviation:
         Raises:
             ValueError: shapes that do not fit, values that are not finite, no candidate.
         """
-        check_returns(goal_return, term_returns)
+        total_return = TotalReturn(goal_return, term_returns)
         num_candidates = self.num_candidates(goal_return.shape[0])
-        # In this order a trajectory's index is its initial rank minus 1, and the arithmetic
-        # below is the same to the bit however the environments were ordered.
-        order = _initial_order(goal_return, term_returns)
-        goal = goal_return.detach()[order].double()
-        terms = term_returns.detach()[order].double().T.contiguous()
-
-        scratch = torch.empty(0, dtype=torch.float64, device=goal.device)
 
         def objective(weights: Tensor) -> Tensor:
-            nonlocal scratch
-            if scratch.shape != (len(weights), len(goal)):
-                # Reused from call to call: fresh pages would cost more than the product.
-                scratch = goal.new_empty(len(weights), len(goal))
-            torch.addmm(goal, weights.to(goal), terms, out=scratch)
-            squares = squared_shifts_(scratch, num_candidates)
+            squares = squared_shifts_(total_return(weights), num_candidates)
             return squares.to(weights.device) / 100.0**2
+
+        return objective
+
+
+class RetainedShare(BestByGoal):
+    """How many of the best trajectories by goal reward are no longer among the best in all.
+
+    With the candidates of `RankDeviation` and its ties, J(w) = 1 - R / K, where R of the K
+    candidates have a rank by r_t of at most K. Unlike the paper's J it does not ask how far a
+    candidate falls. It has K + 1 values, from 0 to 1, and J(0) = 0.
+
+    Arguments and errors as `BestByGoal`.
+    """
+
+    def prepare(self, goal_return: Tensor, term_returns: Tensor) -> WeightFunction:
+        """J as a function of the weights; see `RankDeviation.prepare`."""
+        total_return = TotalReturn(goal_return, term_returns)
+        num_candidates = self.num_candidates(goal_return.shape[0])
+
+        def objective(weights: Tensor) -> Tensor:
+            retained = retained_counts(total_return(weights), num_candidates)
+            return 1.0 - retained.to(weights.device) / num_candidates
 
         return objective
 
@@ -148,6 +193,26 @@ def check_returns(goal_return: Tensor, term_returns: Tensor) -> None:
                 f"{name} is not finite in {len(bad)} of {len(values)} environments, the first of "
                 f"them {int(bad[0])}: such trajectories cannot be ranked"
             )
+
+
+def retained_counts(total_return: Tensor, num_candidates: int) -> Tensor:
+    """How many candidates have a rank of at most K, for each weight vector, float64 [pack].
+
+    Args and ties: see `squared_shifts_`; `total_return` is left as it is.
+    """
+    first_kept = total_return.shape[1] - num_candidates
+    if total_return.device.type == "cpu":
+        # Many times faster than PyTorch's selection.
+        ascending = np.partition(total_return.numpy(), first_kept, axis=1)
+        worst_kept = torch.from_numpy(ascending[:, first_kept, None])
+    else:
+        worst_kept = total_return.topk(num_candidates, dim=1).values[:, -1:]
+    candidates = total_return[:, :num_candidates]
+    # The best ranks go to what is above the worst value kept; the rest to values equal to it, among
+    # which candidates come first.
+    left = num_candidates - (total_return > worst_kept).sum(dim=1)
+    equal = (candidates == worst_kept).sum(dim=1)
+    return ((candidates > worst_kept).sum(dim=1) + torch.minimum(equal, left)).double()
 
 
 def squared_shifts_(total_return: Tensor, num_candidates: int) -> Tensor:
