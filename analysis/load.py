@@ -75,9 +75,10 @@ def from_mlflow(tracking_uri: str, experiment: str, sweep: str | None = None) ->
     curves = dict(iter(points.groupby("run", sort=False)))
     records, problems = [], []
     for run, (manifest, config) in zip(runs, parts, strict=True):
-        curve = _curve(curves.get(run.info.run_id, nothing))
+        run_points: Any = curves.get(run.info.run_id, nothing)
         try:
-            records.append(run_record(manifest, config, curve, str(run.info.run_name)))
+            name = str(run.info.run_name)
+            records.append(run_record(manifest, config, _curve(run_points), name))
         except StudyError as error:
             problems.append(str(error))
     if problems:

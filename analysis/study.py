@@ -169,7 +169,11 @@ def _typed(frame: pd.DataFrame, name: str, columns: Iterable[str], kind: str) ->
     for column in columns:
         if column not in frame.columns:
             yield f"{name}: the column {column} is missing"
-        elif isinstance(frame[column], pd.Series) and not is_kind(frame[column]):
+        elif not isinstance(frame[column], pd.Series):
+            continue  # two columns of one name, which is said elsewhere
+        elif kind != "a float" and frame[column].isna().any():
+            yield f"{name}: the column {column} lacks {int(frame[column].isna().sum())} values"
+        elif not is_kind(frame[column]):
             yield f"{name}: the column {column} is {frame[column].dtype}; it must be {kind}"
 
 
@@ -207,6 +211,10 @@ def _curve_problems(runs: pd.DataFrame, curves: pd.DataFrame) -> Iterator[str]:
                 yield f"{name}: {column} in its curve is not {run[column]!r}, as among the runs"
         found = curve[ITERATION].to_numpy()
         yield from iteration_problems(name, found, run["iterations"], run["status"])
+    for metric in (each for each in curves.columns if each not in CURVE_KEYS):
+        infinite = curves.loc[np.isinf(curves[metric].to_numpy(dtype=np.float64)), RUN]
+        if len(infinite):
+            yield f"{infinite.iloc[0]}: {metric} is infinite; allowed: a finite number or NaN"
 
 
 def iteration_problems(name: str, found: np.ndarray, configured: int, status: str) -> Iterator[str]:
@@ -215,7 +223,7 @@ def iteration_problems(name: str, found: np.ndarray, configured: int, status: st
     missing, (values, counts) = np.setdiff1d(expected, found), np.unique(found, return_counts=True)
     if len(missing):
         what = f"{_list(missing[:5])}{', ...' if len(missing) > 5 else ''}"
-        yield f"{name}: {status}, but lacks {len(missing)} of {len(expected)} iterations: {what}"
+        yield f"{name}: {status}, with {len(missing)} of {len(expected)} iterations missing: {what}"
     if (counts > 1).any():
         yield f"{name}: has iteration {values[counts > 1][0]} more than once"
     elif len(found) and (found.min() < 1 or found.max() > configured):

@@ -49,17 +49,14 @@ def write_tables(
     Raises:
         StudyError: the folder is not empty, and not `force`; or it cannot be written.
     """
-    folder = Path(folder).absolute()
-    if folder.exists() and not folder.is_dir():
-        raise StudyError(f"{folder} is a file; give the name of a folder")
-    occupied = folder.is_dir() and any(folder.iterdir())
-    if occupied and not force:
-        raise StudyError(f"{folder} is not empty; choose another folder, or force it")
+    folder = Path(folder).resolve()
+    occupied = is_occupied(folder, force)
     tables = {RUNS: _parquet(study.runs.reset_index()), CURVES: _parquet(study.curves)}
     manifest = _manifest(study, tables, list(source), command)
     text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     try:
+        shutil.rmtree(beside, ignore_errors=True)
         beside.mkdir(parents=True)
         for name, data in {**tables, MANIFEST: text.encode()}.items():
             _write(beside / name, data)
@@ -128,6 +125,20 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
+def is_occupied(folder: Path, force: bool = False) -> bool:
+    """Whether there is something in `folder`.
+
+    Raises:
+        StudyError: there is, and not `force`; or it is a file.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise StudyError(f"{folder} is a file; give the name of a folder")
+    occupied = folder.is_dir() and any(folder.iterdir())
+    if occupied and not force:
+        raise StudyError(f"{folder} is not empty; choose another folder, or force it")
+    return occupied
+
+
 def is_exported(folder: Path) -> bool:
     """Whether `folder` looks like an exported study rather than runs."""
     return any((folder / name).is_file() for name in (RUNS, CURVES))
@@ -158,17 +169,14 @@ def _manifest(
 
 
 def _parquet(frame: pd.DataFrame) -> bytes:
-    """The bytes of a Parquet file; columns of floats as byte streams, all others as dictionaries."""
+    """The bytes of a Parquet file; floats as byte streams, all other columns as dictionaries."""
     floats = [name for name in frame.columns if pd.api.types.is_float_dtype(frame[name])]
-    buffer = io.BytesIO()
-    pq.write_table(
-        pa.Table.from_pandas(frame, preserve_index=False),
-        buffer,
-        compression="zstd",
-        compression_level=9,
-        use_dictionary=[name for name in frame.columns if name not in floats],
-        use_byte_stream_split=floats,
-    )
+    encoding: dict[str, Any] = {
+        "use_byte_stream_split": floats,
+        "use_dictionary": [name for name in frame.columns if name not in floats],
+    }
+    table, buffer = pa.Table.from_pandas(frame, preserve_index=False), io.BytesIO()
+    pq.write_table(table, buffer, compression="zstd", compression_level=9, **encoding)
     return buffer.getvalue()
 
 
