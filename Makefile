@@ -4,11 +4,16 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 ARGS ?=
+SCALE ?= demo
+RESULTS ?= results/laptop
+STUDY := runs/paper-$(SCALE)
+# The paper's size needs a GPU; the smaller ones run as many jobs at a time as there are cores.
+SCALE_ARGS := $(if $(filter paper,$(SCALE)),device=cuda physics=mjx,hydra/launcher=local)
 
 .DEFAULT_GOAL := help
 
 help: ## Explain the targets
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-16s %s\n", $$1, $$2}'
 
 # PyTorch goes first and by its exact version, so that no other requirement chooses a build of it.
 $(INSTALLED): pyproject.toml constraints.txt
@@ -21,6 +26,17 @@ install: $(INSTALLED) ## Make .venv with everything in it (the other targets do 
 
 train: $(INSTALLED) ## Train the two-layered reward at demo scale; ARGS='optimizer=fixed seed=1' changes it
 	$(BIN)/tlr-train $(ARGS)
+
+reproduce-paper: $(INSTALLED) ## The paper's study, its analysis and report; SCALE=demo, laptop or paper; goes on where it was
+	$(BIN)/tlr-train -m +sweep=five_seeds scale=$(SCALE) study=$(notdir $(STUDY)) $(SCALE_ARGS) $(ARGS)
+	@sweep=$$(ls -td $(STUDY)/sweeps/five_seeds-* | head -n 1) && set -x && \
+	$(BIN)/tlr-export $(STUDY) -o $$sweep/results --force && \
+	$(BIN)/tlr-report $$sweep/results -o $$sweep/report --force --repeat 'make reproduce-paper SCALE=$(SCALE)' && \
+	$(BIN)/tlr-sync $$sweep && \
+	$(BIN)/python -m webbrowser file://$(CURDIR)/$$sweep/report/report.html
+
+report: $(INSTALLED) ## Make the report of exported results anew; RESULTS=FOLDER
+	$(BIN)/tlr-report $(RESULTS) -o $(RESULTS)/report --force
 
 dashboard: $(INSTALLED) ## Open the MLflow dashboard of the runs in runs/
 	$(BIN)/mlflow server --backend-store-uri sqlite:///$(CURDIR)/runs/mlflow.db --host 127.0.0.1 --port 5000
@@ -40,4 +56,4 @@ bench: $(INSTALLED) ## The benchmarks, as ratios measured in one run
 clean: ## Remove the environment and caches (never runs/)
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
 
-.PHONY: help install train dashboard check test bench clean
+.PHONY: help install train reproduce-paper report dashboard check test bench clean
