@@ -5,8 +5,8 @@ leaves the best in place but turns the order of the rest round is seen here, and
 
 They are computed on the CPU by NumPy, wherever the trajectories lie: its sort uses vector
 instructions and is several times faster there than PyTorch's. For 30 weight vectors and 4096
-trajectories, on one core, `KendallDistance` takes 6 ms and `SpearmanDistance` 3 ms, a quarter and a
-tenth of the time that SciPy takes for one row after the other.
+trajectories, on one core, `KendallDistance` takes 8 ms and `SpearmanDistance` 3 ms; SciPy, one row
+after the other, 20 and 25 ms.
 """
 
 import numpy as np
@@ -57,8 +57,10 @@ class KendallDistance:
             order, tied = descending_order(total_return(weights.cpu()).numpy())
             groups = group[order]
             discordant = inversions(_as_permutations(groups) if untied < pairs else order)
-            ties = tied_pairs(tied)
-            ties_in_both = tied_pairs(tied & (np.diff(groups) == 0))
+            ties = ties_in_both = np.zeros(len(order))
+            if tied.any():
+                ties = tied_pairs(tied)
+                ties_in_both = tied_pairs(tied & (np.diff(groups) == 0))
             agreement = untied - ties + ties_in_both - 2.0 * discordant
             return _one_minus(agreement, np.sqrt(untied * (pairs - ties)), untied, weights)
 
@@ -124,8 +126,6 @@ def descending_order(values: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 def tied_pairs(tied: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Pairs of equal values in each row [rows], from which neighbours are equal [rows, n - 1]."""
-    if not tied.any():
-        return np.zeros(len(tied))
     place = np.arange(1, tied.shape[1] + 1)
     run_start = np.maximum.accumulate(np.where(tied, 0, place), axis=1)
     return ((place - run_start) * tied).sum(axis=1).astype(np.float64)
@@ -179,7 +179,9 @@ def _inversions_across(blocks: NDArray[np.int32], half: int) -> NDArray[np.int64
 
 def _as_permutations(groups: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows with equal numbers as permutations in which equal numbers stand in order [rows, n]."""
-    order = groups.argsort(axis=1, kind="stable")
+    # In 16 bits NumPy's stable sort is a radix sort, many times faster.
+    fits = groups.shape[1] <= np.iinfo(np.uint16).max
+    order = groups.astype(np.uint16 if fits else groups.dtype).argsort(axis=1, kind="stable")
     permutations = np.empty_like(order)
     np.put_along_axis(permutations, order, np.arange(order.shape[1])[None], axis=1)
     return permutations
