@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from tlr_exp.motion_tool import checking, importing, looking
+from tlr_exp.motion_tool import checking, importing, joining, looking
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,6 +27,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     importing.add_arguments(commands.add_parser("import", help="make a clip from a motion file"))
     checking.add_arguments(commands.add_parser("check", help="what is physically wrong with clips"))
+    joining.add_arguments(commands.add_parser("join", help="clips one after the other"))
     looking.add_info(commands.add_parser("info", help="what a clip holds"))
     looking.add_list(commands.add_parser("list", help="the authored motions"))
     return parser

@@ -1,4 +1,4 @@
-"""tlr-motion check: what is physically wrong with clips."""
+"""tlr-motion check: what is physically wrong with clips, and --fix what can be fixed honestly."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.quality.check import Finding, check_clip, worst_verdict
 from tlr_exp.motion.quality.limits import LIMITS
-from tlr_exp.motion_tool.files import CLIP_HELP, size
+from tlr_exp.motion.quality.repairs import GROUNDS, repair_clip
+from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, size
 from tlr_exp.robot import build_robot
 
 _STYLES = {"ok": "green", "note": "cyan", "warn": "yellow", "fail": "bold red"}
@@ -28,7 +29,54 @@ _WIDTH_WITHOUT_TERMINAL = 140
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("clips", metavar="CLIP", nargs="+", help=CLIP_HELP)
     parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
-    parser.set_defaults(run=_check)
+    parser.add_argument(
+        "--fix",
+        action="store_true",
+        help="write a repaired clip to -o: bad ends cut off, joints at their limits, jumps "
+        "smoothed, the lowest point on the floor; then check it",
+    )
+    parser.add_argument(
+        "--ground",
+        choices=GROUNDS,
+        default="constant",
+        help="with --fix: move the whole clip up or down (constant, the default), also take out "
+        "what drifts slowly (varying), or keep the height (none)",
+    )
+    add_output(parser, required=False)
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.fix:
+        return _fix(options)
+    if options.output:
+        raise ValueError("-o is for --fix: a check alone writes nothing")
+    return _check(options)
+
+
+def _fix(options: argparse.Namespace) -> int:
+    """0 if nothing fails in the repaired clip; else 1, and it is written all the same."""
+    if len(options.clips) != 1 or options.output is None:
+        raise ValueError("--fix takes one clip and -o CLIP.npz for the result")
+    (name,), output = options.clips, options.output
+    check_output(output, [name], options.force)
+    robot = build_robot()
+    clip = load_motion(name, robot)
+    repaired = repair_clip(clip, robot, options.ground)
+    before, after = check_clip(clip, robot), check_clip(repaired.clip, robot)
+    repaired.clip.save(output)
+    left = [finding.measure for finding in after if finding.verdict in ("warn", "fail")]
+    if options.json:
+        data = as_data(str(output), repaired.clip, after)
+        changes = {"before": as_data(name, clip, before), "changes": repaired.changes}
+        print(json.dumps({"clips": [data], **changes}, indent=1))
+    else:
+        for change in repaired.changes or ["nothing to change"]:
+            print(f"{name}: {change}")
+        print_findings(str(output), repaired.clip, after)
+        if left:
+            print(f"Not repaired, as it would have to be invented: {', '.join(left)}")
+    return int(worst_verdict(after) == "fail")
 
 
 def _check(options: argparse.Namespace) -> int:

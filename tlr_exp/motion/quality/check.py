@@ -100,8 +100,8 @@ def _floor_findings(clip: MotionClip, robot: Robot, floor: FloorContacts) -> lis
     remarks = []
     if floor.flight.any():
         remarks.append(f"{floor.flight.sum() / clip.fps:.2f} s of free flight not counted")
-    if len(carried) and carried.max() > LIMITS["floating"].ok / 1000:
-        remarks.append(f"median {1000 * np.median(carried):.0f} mm")
+    if len(carried) and 1000 * carried.max() > LIMITS["floating"].ok:
+        remarks.append(f"median {1000 * max(0.0, np.median(carried)):.0f} mm")
     return [
         _finding("in the floor", -1000 * floor.lowest, clip.fps, place=body(deepest)),
         _finding(

@@ -92,7 +92,11 @@ def clip_ground(level: np.ndarray, fps: float) -> np.ndarray:
     if not len(known):
         return np.zeros(len(level))
     filled = np.interp(np.arange(len(level)), known, level[known])
-    return grey_opening(filled, size=2 * round(GROUND_S * fps / 2) + 1, mode="nearest")
+    half = round(GROUND_S * fps / 2)
+    # Beyond its ends the level goes on as it came, so that a slope is one up to the end.
+    padded = np.pad(filled, 2 * half, mode="reflect", reflect_type="odd")
+    opened = grey_opening(padded, size=2 * half + 1)
+    return opened[2 * half : len(opened) - 2 * half]
 
 
 def floor_geoms(model: mujoco.MjModel) -> np.ndarray:
