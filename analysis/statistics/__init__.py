@@ -1,0 +1,1 @@
+"""Statistics of a study: pure functions on arrays, one row or one number per seed."""

@@ -1,0 +1,163 @@
+"""What the seeds can say about two arms: everything about one metric, in one result."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from analysis.statistics.effect_size import hedges_g, probability_of_improvement
+from analysis.statistics.intervals import (
+    bootstrap_interval,
+    difference_interval,
+    interquartile_mean,
+    mean_interval,
+    relative_improvement_interval,
+)
+from analysis.statistics.power import detectable_effect, seeds_needed
+from analysis.statistics.results import Array, Interval, SignificanceTest, checked_samples
+from analysis.statistics.significance import (
+    mann_whitney,
+    paired_t,
+    permutation,
+    sign_flip,
+    smallest_p,
+    welch_t,
+    wilcoxon,
+)
+
+
+@dataclass(frozen=True)
+class ArmSummary:
+    """One arm over its seeds, in units of the metric."""
+
+    num_seeds: int
+    mean: Interval  # Student's t
+    std: float  # sample standard deviation (n - 1); NaN for a single seed
+    interquartile_mean: float
+    smallest: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two arms compared with the seed as the unit.
+
+    Differences are treatment - baseline, in units of the metric. Improvements are positive where
+    treatment is better. What the data do not allow is NaN, and its ``reason`` (all: ``notes``) says
+    why.
+    """
+
+    baseline: ArmSummary
+    treatment: ArmSummary
+    paired: bool  # the seeds are shared and were compared seed by seed
+    smaller_is_better: bool
+    difference: Interval  # Welch's t, or paired t
+    relative_improvement: Interval  # a share of the baseline's mean, Fieller
+    bootstrap_difference: Interval  # percentile; NaN below 20 seeds per arm
+    t_test: SignificanceTest  # Welch, or paired
+    permutation_test: SignificanceTest  # difference of means over labelings, or over sign flips
+    rank_test: SignificanceTest  # Mann-Whitney, or Wilcoxon signed-rank
+    effect_size: Interval  # Hedges g, or d_z, in standard deviations; positive is better
+    probability_of_improvement: float
+    smallest_p: float  # that an exact permutation test of so many seeds can give
+    seeds_needed: int | None  # per arm, for 80 % power if the difference and spread seen were true
+    detectable_effect: float  # standard deviations found with 80 % power by the smaller arm's seeds
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Why some of the values are NaN, each reason once."""
+        parts = (
+            self.difference,
+            self.relative_improvement,
+            self.bootstrap_difference,
+            self.t_test,
+            self.effect_size,
+            self.baseline.mean,
+            self.treatment.mean,
+        )
+        return tuple(dict.fromkeys(part.reason for part in parts if part.reason))
+
+
+def summarise(values: ArrayLike, *, confidence: float = 0.95) -> ArmSummary:
+    """One arm's values [num_seeds] over its seeds.
+
+    Raises:
+        ValueError: empty, or not finite.
+    """
+    mean = mean_interval(values, confidence=confidence)
+    sample = np.asarray(values, dtype=np.float64)
+    return ArmSummary(
+        num_seeds=sample.size,
+        mean=mean,
+        std=float(sample.std(ddof=1)) if sample.size > 1 else np.nan,
+        interquartile_mean=interquartile_mean(sample),
+        smallest=float(sample.min()),
+        largest=float(sample.max()),
+    )
+
+
+def compare(
+    baseline: ArrayLike,
+    treatment: ArrayLike,
+    *,
+    smaller_is_better: bool,
+    generator: np.random.Generator,
+    paired: bool = False,
+    confidence: float = 0.95,
+) -> Comparison:
+    """Compare one number per seed of two arms, baseline [n] and treatment [m].
+
+    ``paired``: element i of both belongs to the same seed. That a seed is shared pairs the arms
+    only as far as it makes them alike; the paired tests stay valid without that, but have fewer
+    degrees of freedom. ``generator`` draws labelings where there are too many to enumerate (beyond
+    eight seeds against eight, or 14 pairs) and the bootstrap (from 20 seeds per arm on); below,
+    nothing is drawn.
+
+    Raises:
+        ValueError: no seeds, values that are not finite, unequal numbers of paired seeds.
+    """
+    first, second = checked_samples(baseline, treatment, paired=paired)
+    better, level = smaller_is_better, confidence
+    t_test, permutation_test, rank_test = _tests(first, second, paired, generator)
+    fewest = min(first.size, second.size)
+    return Comparison(
+        baseline=summarise(first, confidence=level),
+        treatment=summarise(second, confidence=level),
+        paired=paired,
+        smaller_is_better=better,
+        difference=difference_interval(first, second, paired=paired, confidence=level),
+        relative_improvement=relative_improvement_interval(
+            first, second, smaller_is_better=better, paired=paired, confidence=level
+        ),
+        bootstrap_difference=bootstrap_interval(
+            first, second, generator=generator, paired=paired, confidence=level
+        ),
+        t_test=t_test,
+        permutation_test=permutation_test,
+        rank_test=rank_test,
+        effect_size=hedges_g(
+            first, second, smaller_is_better=better, paired=paired, confidence=level
+        ),
+        probability_of_improvement=probability_of_improvement(
+            first, second, smaller_is_better=better
+        ),
+        smallest_p=smallest_p(first.size, second.size, paired=paired),
+        seeds_needed=seeds_needed(first, second, paired=paired),
+        detectable_effect=detectable_effect(fewest, paired=paired) if fewest > 1 else np.nan,
+    )
+
+
+def _tests(
+    baseline: Array, treatment: Array, paired: bool, generator: np.random.Generator
+) -> tuple[SignificanceTest, SignificanceTest, SignificanceTest]:
+    if paired:
+        return (
+            paired_t(baseline, treatment),
+            sign_flip(baseline, treatment, generator=generator),
+            wilcoxon(baseline, treatment, generator=generator),
+        )
+    return (
+        welch_t(baseline, treatment),
+        permutation(baseline, treatment, generator=generator),
+        mann_whitney(baseline, treatment, generator=generator),
+    )
