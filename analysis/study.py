@@ -169,12 +169,15 @@ def _typed(frame: pd.DataFrame, name: str, columns: Iterable[str], kind: str) ->
     for column in columns:
         if column not in frame.columns:
             yield f"{name}: the column {column} is missing"
-        elif not isinstance(frame[column], pd.Series):
+            continue
+        values = frame[column]
+        if not isinstance(values, pd.Series):
             continue  # two columns of one name, which is said elsewhere
-        elif kind != "a float" and frame[column].isna().any():
-            yield f"{name}: the column {column} lacks {int(frame[column].isna().sum())} values"
-        elif not is_kind(frame[column]):
-            yield f"{name}: the column {column} is {frame[column].dtype}; it must be {kind}"
+        gaps = np.count_nonzero(pd.isna(values.to_numpy()))
+        if gaps and kind != "a float":
+            yield f"{name}: the column {column} lacks {gaps} values"
+        elif not is_kind(values):
+            yield f"{name}: the column {column} is {values.dtype}; it must be {kind}"
 
 
 def _is_text(column: pd.Series) -> bool:
