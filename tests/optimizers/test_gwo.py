@@ -5,9 +5,17 @@ import statistics
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
+from landscapes import (
+    Recorder,
+    constant,
+    plateau,
+    rastrigin,
+    shifted_rastrigin,
+    shifted_sphere,
+    sphere,
+)
 from mealpy import FloatVar
 from mealpy.swarm_based.GWO import OriginalGWO
 from torch import Tensor
@@ -19,20 +27,6 @@ from tlr_exp.optimizers.gwo import GreyWolfOptimizer, grey_wolf_search
 DIMS = 6
 PACK_SIZE = 30
 ITERATIONS = 50
-
-
-class Recorder:
-    """Wraps a function and keeps every position it was asked for, and its values."""
-
-    def __init__(self, function: Callable[[Tensor], Tensor]) -> None:
-        self.function = function
-        self.packs: list[Tensor] = []
-        self.values: list[Tensor] = []
-
-    def __call__(self, pack: Tensor) -> Tensor:
-        self.packs.append(pack.clone())
-        self.values.append(self.function(pack))
-        return self.values[-1]
 
 
 def search(
@@ -50,36 +44,6 @@ def search(
         generator=torch.Generator().manual_seed(seed),
         **settings,
     )
-
-
-def sphere(x: Any) -> Any:
-    """Minimum 0 at 0."""
-    return (x**2).sum(-1)
-
-
-def shifted_sphere(x: Any) -> Any:
-    """Minimum 0 at 1.3: GWO is drawn towards the origin, and must leave it."""
-    return sphere(x - 1.3)
-
-
-def rastrigin(x: Any) -> Any:
-    """Minimum 0 at 0, among many local ones."""
-    cosine = torch.cos if isinstance(x, Tensor) else np.cos
-    return (x**2 - 10.0 * cosine(2.0 * math.pi * x) + 10.0).sum(-1)
-
-
-def shifted_rastrigin(x: Any) -> Any:
-    """Minimum 0 at 1.3."""
-    return rastrigin(x - 1.3)
-
-
-def plateau(x: Tensor) -> Tensor:
-    """0 where the sum is at least 3; the origin is the worst corner of [0, 1]^6."""
-    return (3.0 - x.sum(-1)).clamp(min=0.0)
-
-
-def constant(x: Tensor) -> Tensor:
-    return torch.zeros(len(x), dtype=x.dtype)
 
 
 def mealpy_search(function: Callable[[Any], Any], seed: int) -> float:
@@ -256,9 +220,32 @@ def test_the_search_lowers_the_paper_objective() -> None:
     assert update.weights[0].item() == pytest.approx(0.2)
 
 
+def test_a_persistent_pack_lives_on() -> None:
+    persistent = GreyWolfOptimizer(DIMS, RankDeviation(), seed=0, persistent=True)
+    passing = GreyWolfOptimizer(DIMS, RankDeviation(), seed=0)
+    first, second = Recorder(shifted_sphere), Recorder(shifted_sphere)
+    found = persistent.search(first)
+    assert torch.equal(found.position, passing.search(shifted_sphere).position)  # nothing to keep
+    persistent.search(second)
+    start = second.packs[0]
+    assert torch.equal(start[0], found.position)
+    assert torch.equal(start[1:], first.packs[-1][1:])
+    assert second.values[-1].mean() < first.values[0].mean()
+
+
+def test_a_persistent_pack_of_another_size_is_refused() -> None:
+    saved = GreyWolfOptimizer(3, RankDeviation(), seed=0, persistent=True, pack_size=10)
+    saved.search(plateau)
+    with pytest.raises(ValueError, match=r"shape \(10, 3\), this optimizer's is \(30, 3\)"):
+        GreyWolfOptimizer(3, RankDeviation(), seed=0, persistent=True).load_state_dict(
+            saved.state_dict()
+        )
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"persistent": 1}, r"persistent must be true or false, got 1"),
         ({"pack_size": 2}, r"pack_size must be .* at least 3, got 2"),
         ({"pack_size": 30.0}, r"pack_size must be a whole number"),
         ({"iterations": 0}, r"iterations must be .* at least 1, got 0"),
