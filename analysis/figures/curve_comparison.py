@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.improvement import compared_arms
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis
-from analysis.figures.series import Series, on_common_iterations, series_of
+from analysis.figures.series import last_iteration, pair_of
 from analysis.figures.style import (
     GREY,
     SKY_BLUE,
@@ -30,17 +30,6 @@ from analysis.study import Study, pretty_arm
 
 DRAW_SEED = 0  # of the labelings drawn where there are too many to take all
 _SHOWN_LAGS = 0.5  # of the iterations; at larger lags too few pairs are left
-
-
-def pair_of(study: Study, metric: str, arm: str) -> tuple[Series, Series]:
-    """The baseline and another arm at the iterations that both have.
-
-    Raises:
-        NotDrawnError: the metric is missing in one, or they share no iteration.
-    """
-    return on_common_iterations(
-        series_of(study, metric, study.baseline), series_of(study, metric, arm)
-    )
 
 
 # --- the permutation band --------------------------------------------------------------------
@@ -74,7 +63,7 @@ def figure_curve_comparison(study: Study) -> Drawing:
             result = compare_curves(pair[0].values, pair[1].values, generator=generator)
             _draw_difference(panel, pair[0].iterations, result, looks[arm])
             panel.set_title(f"{title}: p = {result.p_value:.2g}", loc="left", fontsize=7)
-            iteration_axis(panel, pair[0].iterations[-1], label=row == len(compared) - 1)
+            iteration_axis(panel, last_iteration(study), label=row == len(compared) - 1)
             found.append(result)
         name = pretty_arm(arm).replace(", ", ",\n")
         whose = f"{name}\n" if len(compared) > 1 else ""
@@ -155,6 +144,7 @@ def figure_autocorrelation(study: Study) -> Drawing:
             sizes.append(f"{title.lower()}, {pretty_arm(arm)}: {worth}")
         panel_letter(panel, "ab"[number], title)
         panel.set_xlabel("Lag (iterations)")
+    axes[0, 0].set_ylim(top=1.05)
     axes[0, 0].set_ylabel("Autocorrelation (no unit)")
     arm_legend(figure, [looks[arm] for arm in compared])
     what = (
@@ -187,7 +177,6 @@ def _draw_correlation(
     worth = f"{dependence(difference).effective_sample_size:.1f} of {total}"
     if of <= 2:
         _write_size(axes, worth, look, place)
-    axes.set_ylim(top=1.05)
     iteration_axis(axes, max(shown - 1, 1), label=False)
     return f"{worth} iterations"
 

@@ -123,7 +123,8 @@ def _draw_bars(
     for protocol, share in enumerate(shares):
         at = protocol + 0.8 * offset
         axes.bar(at, 100 * share, 0.92 * width, color=color, hatch=hatch, edgecolor="white")
-        axes.text(at, 100 * share + 1.5, f"{100 * share:.3g}", ha="center", fontsize=6.5)
+        above = 100 * (rates.alpha if share <= rates.alpha else share)  # not on the dashed line
+        axes.text(at, above + 1.5, f"{100 * share:.3g}", ha="center", fontsize=6.5)
 
 
 def _what(rates: Mapping[str, FalsePositiveRates]) -> str:

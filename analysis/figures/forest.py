@@ -11,7 +11,7 @@ from analysis.figures.curve_comparison import DRAW_SEED
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.improvement import compared_arms
 from analysis.figures.lines import arm_legend
-from analysis.figures.series import QUANTITIES, quantity, series_of
+from analysis.figures.series import QUANTITIES, pair_of, quantity
 from analysis.figures.style import (
     GREY,
     MINUS,
@@ -87,7 +87,7 @@ def _rows_of(study: Study, arm: str) -> list[ForestRow]:
     for metric in QUANTITIES:
         measure = final_value if metric.startswith(keys.EVAL_PREFIX) else tail_mean
         try:
-            pair = [series_of(study, metric, each) for each in (study.baseline, arm)]
+            pair = pair_of(study, metric, arm)
         except NotDrawnError:
             continue  # a metric that was not recorded is no row
         scores = [measure(series.values, series.iterations) for series in pair]

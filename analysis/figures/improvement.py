@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis, label_at_right
-from analysis.figures.series import on_common_iterations, series_of, shared_seeds
+from analysis.figures.series import pair_of, shared_seeds
 from analysis.figures.style import (
     GREY,
     MINUS,
@@ -71,9 +71,7 @@ def improvement(study: Study, metric: str, arm: str) -> tuple[np.ndarray, np.nda
     Raises:
         NotDrawnError: the metric is missing, or an averaged error of the baseline is not positive.
     """
-    baseline, other = on_common_iterations(
-        series_of(study, metric, study.baseline), series_of(study, metric, arm)
-    )
+    baseline, other = pair_of(study, metric, arm)
     try:
         values = relative_improvement(baseline.band.mean, other.band.mean)
     except ValueError as error:
@@ -91,8 +89,7 @@ def _of_one_run(study: Study, metric: str, arm: str) -> str:
     shared = shared_seeds(study)
     if not shared or len(study.seeds(arm)) == len(study.seeds(study.baseline)) == 1:
         return ""
-    pair = [series_of(study, metric, each) for each in (study.baseline, arm)]
-    first, second = on_common_iterations(*pair)
+    first, second = pair_of(study, metric, arm)
     values = relative_improvement(first.of_seed(shared[0]), second.of_seed(shared[0]))
     return f" (seed {shared[0]} alone: {percent(float(values.mean()))})"
 

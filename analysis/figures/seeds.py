@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from analysis.endpoints import tail_mean
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis
-from analysis.figures.series import all_series, only_seeds, quantity, series_of
+from analysis.figures.series import all_series, last_iteration, only_seeds, quantity, series_of
 from analysis.figures.style import (
     TWO_COLUMNS_IN,
     ArmLook,
@@ -51,6 +51,7 @@ def figure_seeds(study: Study) -> Drawing:
                 panel.set_visible(False)
                 continue
             _draw_seed(panel, only_seeds(study, (seeds[place],)), metric, looks)
+            iteration_axis(panel, last_iteration(study), label=False)
             panel.set_title(f"{title}, seed {seeds[place]}", loc="left", fontsize=6.5)
             panel.label_outer()
         panels[0, 0].set_ylim(bottom=0)
@@ -64,15 +65,12 @@ def figure_seeds(study: Study) -> Drawing:
 
 
 def _draw_seed(axes: Axes, study: Study, metric: str, looks: dict[str, ArmLook]) -> None:
-    last = 0
     for place, arm in enumerate(study.arms):
         series = series_of(study, metric, arm)
         line = draw_curve(
             axes, series.iterations, series.values[0], looks[arm], place, len(study.arms)
         )
         line.set_linewidth(0.9)
-        last = max(last, int(series.iterations[-1]))
-    iteration_axis(axes, last, label=False)
 
 
 @styled

@@ -84,16 +84,17 @@ def all_series(study: Study, metric: str) -> dict[str, Series]:
     return {arm: series_of(study, metric, arm) for arm in study.arms}
 
 
-def on_common_iterations(first: Series, second: Series) -> tuple[Series, Series]:
-    """Both series in the iterations that both have, so that they can be subtracted.
+def pair_of(study: Study, metric: str, arm: str) -> tuple[Series, Series]:
+    """The baseline and another arm in the iterations that both have: they can be subtracted.
 
     Raises:
-        NotDrawnError: they share no iteration.
+        NotDrawnError: the metric is missing in one, or they share no iteration.
     """
-    common = np.intersect1d(first.iterations, second.iterations)
+    pair = [series_of(study, metric, each) for each in (study.baseline, arm)]
+    common = np.intersect1d(pair[0].iterations, pair[1].iterations)
     if len(common) == 0:
-        raise NotDrawnError("the two arms share no iteration in which the metric was measured")
-    return _at(first, common), _at(second, common)
+        raise NotDrawnError(f"{metric}: the two arms share no iteration in which it was measured")
+    return _at(pair[0], common), _at(pair[1], common)
 
 
 def _at(series: Series, iterations: np.ndarray) -> Series:
@@ -125,6 +126,11 @@ def only_seeds(study: Study, seeds: tuple[int, ...]) -> Study:
         runs=study.runs[study.runs["seed"].isin(seeds)],
         curves=study.curves[study.curves["seed"].isin(seeds)],
     )
+
+
+def last_iteration(study: Study) -> int:
+    """The last iteration that any run has reached."""
+    return int(np.max(study.curves[keys.ITERATION]))
 
 
 def column(study: Study, metric: str) -> np.ndarray:

@@ -62,7 +62,7 @@ STYLE: dict[str, Any] = {
     "grid.color": GRID_GREY,
     "grid.linewidth": 0.4,
     "lines.linewidth": 1.2,
-    "lines.markersize": 3.2,
+    "lines.markersize": 3.8,
     "hatch.linewidth": 0.5,
     "hatch.color": "white",
     "axes.formatter.limits": (-4, 5),

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import iteration_axis, moving_average, shade
-from analysis.figures.series import Series, series_of
+from analysis.figures.series import Series, column, last_iteration, series_of
 from analysis.figures.style import TWO_COLUMNS_IN, ArmLook, arm_looks, darker, new_figure, styled
 from analysis.study import Study, pretty_arm
 from tlr_exp import keys
@@ -30,10 +30,12 @@ def figure_14(study: Study) -> Drawing:
         raise NotDrawnError("no arm changes its weights: every one keeps them over the training")
     window = smoothing_window(study)
     looks = arm_looks(study.arms)
+    top = max(1.0, *(float(np.nanmax(column(study, keys.WEIGHT_PREFIX + term))) for term in terms))
     if len(adapting) == 1:
         figure = _panels_of_one_arm(study, adapting[0], terms, window, looks)
     else:
         figure = _grid_of_arms(study, adapting, terms, window, looks)
+    figure.axes[0].set_ylim(-0.03 * top, 1.03 * top)  # all panels share it
     caption = _caption(study, adapting, window)
     return Drawing(figure, "Weights of the lower layer over training", caption, "figure_14_weights")
 
@@ -53,8 +55,7 @@ def weight_terms(study: Study) -> tuple[str, ...]:
 
 def smoothing_window(study: Study) -> int:
     """Iterations of the moving average: odd, a twentieth of those that the longest run has."""
-    reached = int(np.max(study.curves[keys.ITERATION]))
-    return 2 * int(reached * _LONGEST_WINDOW_SHARE / 2) + 1
+    return 2 * int(last_iteration(study) * _LONGEST_WINDOW_SHARE / 2) + 1
 
 
 def _adapts(study: Study, arm: str, terms: tuple[str, ...]) -> bool:
@@ -76,7 +77,7 @@ def _panels_of_one_arm(
         series = series_of(study, keys.WEIGHT_PREFIX + terms[place], arm)
         _draw_weight(panel, series, looks[arm], window)
         panel.set_title(f"{terms[place]}: {_numbers(series)}", loc="left", fontsize=7)
-        iteration_axis(panel, series.iterations[-1], label=bottom)
+        iteration_axis(panel, last_iteration(study), label=bottom)
     figure.supylabel("Weight (no unit)", fontsize=7.5)
     return figure
 
@@ -92,15 +93,15 @@ def _grid_of_arms(
     size = (TWO_COLUMNS_IN, 0.7 + 1.05 * len(terms))
     figure, axes = new_figure(*size, len(terms), len(arms), sharey=True, sharex=True)
     for row, term in enumerate(terms):
-        for column, arm in enumerate(arms):
-            panel = axes[row, column]
+        for place, arm in enumerate(arms):
+            panel = axes[row, place]
             series = series_of(study, keys.WEIGHT_PREFIX + term, arm)
             _draw_weight(panel, series, looks[arm], window)
             title = _numbers(series)
             if row == 0:
                 title = f"{_wrapped(pretty_arm(arm))}\n{title}"
             panel.set_title(title, loc="left", fontsize=6.5 if len(arms) < 4 else 5.5)
-            iteration_axis(panel, series.iterations[-1], label=row == len(terms) - 1)
+            iteration_axis(panel, last_iteration(study), label=row == len(terms) - 1)
         axes[row, 0].set_ylabel(term, fontsize=6.5)
     figure.supylabel("Weight (no unit)", fontsize=7.5)
     return figure
@@ -115,7 +116,6 @@ def _draw_weight(axes: Axes, series: Series, look: ArmLook, window: int) -> None
     axes.plot(series.iterations, band.mean, color=color, linewidth=0.4, alpha=0.45, zorder=2.5)
     smooth = moving_average(band.mean, window)
     axes.plot(series.iterations, smooth, color=darker(color), linewidth=1.3, zorder=3)
-    axes.set_ylim(-0.03, 1.03 * max(1.0, float(np.max(series.values))))
 
 
 def _numbers(series: Series) -> str:
