@@ -82,8 +82,9 @@ def iterations_to_reach(
     Smoothed by the mean of the last ``window`` points, so that a lucky iteration does not count;
     only full windows do, and the iteration given is the last of the window.
 
-    Raises: ValueError: shapes that do not fit, values or a level that are not finite, a window that
-        is not in 1 ... num_points.
+    Raises:
+        ValueError: shapes that do not fit, values or a level that are not finite, a window that is
+            not in 1 ... num_points.
     """
     values, times = _checked(curves, iterations)
     if not 1 <= window <= times.size:

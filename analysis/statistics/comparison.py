@@ -1,4 +1,9 @@
-"""What the seeds can say about two arms: everything about one metric, in one result."""
+"""What the seeds can say about two arms: everything about one metric, in one result.
+
+Arms that share their seeds may be compared seed by seed (``paired``). That helps as far as a seed
+makes the arms alike. Where it does not, the paired tests are still valid, but find less: they have
+half the degrees of freedom, and no exact test of five pairs can be below 0.0625.
+"""
 
 from dataclasses import dataclass
 
@@ -14,7 +19,13 @@ from analysis.statistics.intervals import (
     relative_improvement_interval,
 )
 from analysis.statistics.power import detectable_effect, seeds_needed
-from analysis.statistics.results import Array, Interval, SignificanceTest, checked_samples
+from analysis.statistics.results import (
+    Array,
+    Interval,
+    SignificanceTest,
+    checked_confidence,
+    checked_samples,
+)
 from analysis.statistics.significance import (
     mann_whitney,
     paired_t,
@@ -107,17 +118,18 @@ def compare(
 ) -> Comparison:
     """Compare one number per seed of two arms, baseline [n] and treatment [m].
 
-    ``paired``: element i of both belongs to the same seed. That a seed is shared pairs the arms
-    only as far as it makes them alike; the paired tests stay valid without that, but have fewer
-    degrees of freedom. ``generator`` draws labelings where there are too many to enumerate (beyond
-    eight seeds against eight, or 14 pairs) and the bootstrap (from 20 seeds per arm on); below,
-    nothing is drawn.
+    ``paired``: element i of both belongs to the same seed. ``generator`` draws labelings where
+    there are too many to enumerate (beyond eight seeds against eight, or 14 pairs) and the
+    bootstrap (from 20 seeds per arm on); with fewer seeds, nothing is drawn.
 
     Raises:
         ValueError: no seeds, values that are not finite, unequal numbers of paired seeds.
     """
     first, second = checked_samples(baseline, treatment, paired=paired)
-    better, level = smaller_is_better, confidence
+    better, level = smaller_is_better, checked_confidence(confidence)
+    difference, improvement, bootstrap, effect = _intervals(
+        first, second, better, paired, level, generator
+    )
     t_test, permutation_test, rank_test = _tests(first, second, paired, generator)
     fewest = min(first.size, second.size)
     return Comparison(
@@ -125,25 +137,40 @@ def compare(
         treatment=summarise(second, confidence=level),
         paired=paired,
         smaller_is_better=better,
-        difference=difference_interval(first, second, paired=paired, confidence=level),
-        relative_improvement=relative_improvement_interval(
-            first, second, smaller_is_better=better, paired=paired, confidence=level
-        ),
-        bootstrap_difference=bootstrap_interval(
-            first, second, generator=generator, paired=paired, confidence=level
-        ),
+        difference=difference,
+        relative_improvement=improvement,
+        bootstrap_difference=bootstrap,
         t_test=t_test,
         permutation_test=permutation_test,
         rank_test=rank_test,
-        effect_size=hedges_g(
-            first, second, smaller_is_better=better, paired=paired, confidence=level
-        ),
+        effect_size=effect,
         probability_of_improvement=probability_of_improvement(
             first, second, smaller_is_better=better
         ),
         smallest_p=smallest_p(first.size, second.size, paired=paired),
         seeds_needed=seeds_needed(first, second, paired=paired),
         detectable_effect=detectable_effect(fewest, paired=paired) if fewest > 1 else np.nan,
+    )
+
+
+def _intervals(
+    baseline: Array,
+    treatment: Array,
+    better: bool,
+    paired: bool,
+    level: float,
+    generator: np.random.Generator,
+) -> tuple[Interval, Interval, Interval, Interval]:
+    """Difference, relative improvement, bootstrapped difference and effect size."""
+    return (
+        difference_interval(baseline, treatment, paired=paired, confidence=level),
+        relative_improvement_interval(
+            baseline, treatment, smaller_is_better=better, paired=paired, confidence=level
+        ),
+        bootstrap_interval(
+            baseline, treatment, generator=generator, paired=paired, confidence=level
+        ),
+        hedges_g(baseline, treatment, smaller_is_better=better, paired=paired, confidence=level),
     )
 
 

@@ -70,30 +70,19 @@ def compare_curves(
     labelings are used up to 20 000 of them (eight seeds against eight, 14 pairs); beyond, 9999 are
     drawn from ``generator`` and the one seen is counted among them.
 
-    Raises: ValueError: wrong shapes, values that are not finite, fewer than two seeds in an arm,
-        unequal numbers of paired seeds, alpha outside (0, 1).
+    Raises:
+        ValueError: wrong shapes, values that are not finite, fewer than two seeds in an arm,
+            unequal numbers of paired seeds, alpha outside (0, 1).
     """
     first, second = _checked(baseline, treatment, paired, alpha)
-    if paired:
-        data = second - first
-        labels, exact = _sign_flips(len(first), generator)
-        scale = np.maximum(np.abs(first).max(axis=0), np.abs(second).max(axis=0))
-        blocks = _paired_blocks(data, labels, scale)
-        smallest = 2 / len(labels) if exact else 1 / len(labels)
-    else:
-        data = np.concatenate([first, second])
-        labels, exact = _labelings(len(first), len(second), generator)
-        blocks = _unpaired_blocks(data, labels)
-        # Swapping arms of equal size mirrors a labeling; otherwise only the one seen is as extreme.
-        mirrored = 2 if exact and len(first) == len(second) else 1
-        smallest = mirrored / len(labels)
-    difference, standard_error = next(blocks)
-    difference, standard_error = difference[0], standard_error[0]
+    blocks, exact = _relabeled(first, second, paired, generator)
+    difference, standard_error = (part[0] for part in next(blocks))
     statistic = _ratio(difference, standard_error)
     maxima = np.concatenate([np.abs(_ratio(*block)).max(axis=1) for block in blocks])
     p_values = _exceedance(np.abs(statistic), maxima)
-    allowed = int(np.floor(alpha * maxima.size * (1 + TIE)))
-    threshold = float(np.sort(maxima)[::-1][allowed])
+    threshold = _threshold(maxima, alpha)
+    # Arms of equal size mirror each other; otherwise only the labeling seen need be as extreme.
+    mirrored = 2 if exact and len(first) == len(second) else 1
     return CurveComparison(
         difference=difference,
         statistic=statistic,
@@ -103,11 +92,23 @@ def compare_curves(
         margin=threshold * standard_error,
         differs=p_values <= alpha,
         alpha=alpha,
-        smallest_p=smallest,
+        smallest_p=mirrored / maxima.size,
         num_labelings=maxima.size,
         exact=exact,
         paired=paired,
     )
+
+
+def _relabeled(
+    baseline: Array, treatment: Array, paired: bool, generator: np.random.Generator
+) -> tuple[Iterator[tuple[Array, Array]], bool]:
+    """Differences and standard errors under the labels seen, then under all; whether all is all."""
+    if paired:
+        signs, exact = _sign_flips(len(baseline), generator)
+        scale = np.maximum(np.abs(baseline).max(axis=0), np.abs(treatment).max(axis=0))
+        return _paired_blocks(treatment - baseline, signs, scale), exact
+    labels, exact = _labelings(len(baseline), len(treatment), generator)
+    return _unpaired_blocks(np.concatenate([baseline, treatment]), labels), exact
 
 
 def _labelings(
@@ -195,6 +196,12 @@ def _exceedance(statistics: Array, maxima: Array) -> Array:
     """Share of maxima that reach each statistic, up to rounding."""
     below = np.searchsorted(np.sort(maxima), statistics * (1 - TIE), side="left")
     return (maxima.size - below) / maxima.size
+
+
+def _threshold(maxima: Array, alpha: float) -> float:
+    """What a statistic must exceed for at most a share ``alpha`` of the maxima to reach it."""
+    allowed = int(np.floor(alpha * maxima.size * (1 + TIE)))
+    return float(np.sort(maxima)[::-1][allowed])
 
 
 def _checked(

@@ -61,8 +61,6 @@ def hedges_g(
     if paired and first.size == 2:
         reason = "two shared seeds allow no unbiased effect size"
         return undefined_interval(np.nan, confidence, method, reason)
-    improvement = float(first.mean() - second.mean())
-    improvement = improvement if smaller_is_better else -improvement
     if paired:
         freedom, root_size = first.size - 1, sqrt(first.size)
         spread = float((second - first).std(ddof=1))
@@ -71,7 +69,7 @@ def hedges_g(
         root_size = sqrt(first.size * second.size / (first.size + second.size))
         squares = first.var() * first.size + second.var() * second.size
         spread = sqrt(float(squares) / freedom)
-    d = improvement / spread
+    d = float(second.mean() - first.mean()) / spread * (-1 if smaller_is_better else 1)
     low, high = noncentrality_limits(d * root_size, freedom, confidence)
     estimate = d * small_sample_correction(freedom)
     return Interval(estimate, low / root_size, high / root_size, confidence, method)

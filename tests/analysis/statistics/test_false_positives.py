@@ -131,6 +131,14 @@ def test_halves_are_split_once_and_many_splits_drawn(monkeypatch: pytest.MonkeyP
     assert many.permutation == pytest.approx(0.05, abs=4 * (0.05 * 0.95 / 400) ** 0.5)
 
 
+def test_seeds_that_end_alike_are_not_significant() -> None:
+    # As survival, which ends at 1 in every seed: the tests over seeds have nothing to say.
+    curves = np.ones((5, 50))
+    curves[:, :30] = np.random.default_rng(46).uniform(size=(5, 30))
+    result = false_positive_rates_of_curves(curves, generator=np.random.default_rng(0))
+    assert result.welch == result.permutation == 0.0
+
+
 def test_wrong_questions_are_refused() -> None:
     generator = np.random.default_rng(0)
     with pytest.raises(ValueError, match="two seeds, two iterations and one study"):

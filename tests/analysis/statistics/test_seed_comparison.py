@@ -5,6 +5,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.statistics.comparison import Comparison, compare, summarise
@@ -91,6 +93,23 @@ def test_what_the_data_do_not_allow_is_explained(
         if hasattr(value, "reason"):
             numbers = [getattr(value, name, 0.0) for name in ("p_value", "low", "high")]
             assert any(map(math.isnan, numbers)) == bool(value.reason)
+
+
+# Numbers that make statistics fail: equal, equal but for rounding, and of very different sizes.
+awkward = st.sampled_from([0.0, 0.1, 0.1 + 2e-17, 0.1 + 1e-14, 0.1 + 1e-11, 1.0, -1.0, 1e-9, 1e7])
+
+
+@given(st.lists(st.tuples(awkward, awkward), min_size=1, max_size=6), st.booleans())
+def test_no_data_warn_or_hide_a_reason(pairs: list[tuple[float, float]], paired: bool) -> None:
+    # Warnings are errors here.
+    baseline, treatment = np.array(pairs).T
+    result = compare(baseline, treatment, smaller_is_better=True, paired=paired, generator=rng())
+    for part in (result.t_test, result.permutation_test, result.rank_test):
+        assert math.isnan(part.p_value) == bool(part.reason)
+        assert part.reason or 0 <= part.p_value <= 1
+    for part in (result.difference, result.relative_improvement, result.effect_size):
+        assert math.isnan(part.low) == math.isnan(part.high) == bool(part.reason)
+        assert part.reason or part.low <= part.high
 
 
 @pytest.mark.parametrize("paired", [False, True])
