@@ -90,20 +90,17 @@ def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
     display = make_sweep_display(plan.name, pace)
     with Stopper(sweep.path) as stopper:
         session = Session(plan, sweep, launch, stopper, display.say)
+        if session.is_finished():
+            display.close()
+            _say_how_it_ended(plan, sweep, job_states(sweep, plan.jobs), FINISHED)
+            return 0
         sweep.begin(_command(), len(plan.jobs), plan.description, {"scale": plan.scale})
         sweep.set_status(RUNNING, arms=list(plan.arms))
         session.prepare()
         mirror = Mirror.start(sweep, plan.uri, plan.study)
         monitor = Monitor(plan, sweep, stopper, display, pace, lambda: session.elsewhere)
-        monitor.start()
-        try:
-            session.work_off()
-        except BaseException:
-            sweep.set_status(INTERRUPTED if stopper.stopping else FAILED)
-            raise
-        finally:
-            states = monitor.finish()
-    status = _status_of(states, stopper.stopping)
+        status = _work_off(session, monitor)
+    states = monitor.states
     sweep.set_status(status)
     _say_how_it_ended(plan, sweep, states, status)
     if session.launcher_error is not None:
@@ -111,6 +108,20 @@ def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
     if not mirror.finish():
         print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
     return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(status, EXIT_FAILED)
+
+
+def _work_off(session: Session, monitor: Monitor) -> str:
+    """Work off under the eyes of the monitor; how the sweep ended."""
+    monitor.start()
+    try:
+        session.work_off()
+    except BaseException:
+        # A third Ctrl-C, or a full disk: nobody comes back to write it later.
+        session.sweep.set_status(INTERRUPTED if session.stopper.stopping else FAILED)
+        raise
+    finally:
+        monitor.finish()
+    return _status_of(monitor.states, session.stopper.stopping)
 
 
 def _status_of(states: Sequence[JobState], stopped: bool) -> str:

@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from tlr_exp.config import ConfigError, load_settings
+from tlr_exp.records.following import WatchedProcess
 from tlr_exp.records.run_directory import (
     FAILED,
     FINISHED,
@@ -29,7 +30,6 @@ from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec
 from tlr_exp.sweeps.stopping import Watch
 from tlr_exp.sweeps.task import ELSEWHERE, one_line
-from tlr_exp.sync import WatchedProcess
 from tlr_exp.train import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,

@@ -20,6 +20,9 @@ LOOK_S = 0.5
 class Monitor(threading.Thread):
     """Shows states and events, and lets the sweep go where only a cluster's queue is waited for.
 
+    Attributes:
+        states: of all jobs at the last look.
+
     Args:
         elsewhere: gives the numbers of the jobs that other processes train.
     """
@@ -36,6 +39,7 @@ class Monitor(threading.Thread):
         super().__init__(daemon=True, name="monitor")
         self.plan, self.sweep, self.stopper = plan, sweep, stopper
         self.display, self.pace, self._elsewhere = display, pace, elsewhere
+        self.states: list[JobState] = []
         self._seen: dict[int, str] = {}
         self._done = threading.Event()
         self._left = False
@@ -44,17 +48,16 @@ class Monitor(threading.Thread):
         while not self._done.wait(LOOK_S):
             self.look()
 
-    def finish(self) -> list[JobState]:
-        """Stop looking, after a last look; the final states."""
+    def finish(self) -> None:
+        """Stop looking, after a last look."""
         self._done.set()
         self.join()
-        states = self.look()
+        self.look()
         self.display.close()
-        return states
 
-    def look(self) -> list[JobState]:
+    def look(self) -> None:
         """Read, tell what is new, show the rest in one line."""
-        states = job_states(self.sweep, self.plan.jobs)
+        self.states = states = job_states(self.sweep, self.plan.jobs)
         for state in states:
             if self._seen.get(state.num, state.status) != state.status:
                 self._announce(state)
@@ -62,7 +65,6 @@ class Monitor(threading.Thread):
         self.pace.note(states, time.monotonic())
         self.display.show(states, self._note())
         self._leave_the_queue(states)
-        return states
 
     def _announce(self, state: JobState) -> None:
         job = f"job {state.num} ({state.label})"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.runs import latest_runs
-from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.records.sweep_directory import SWEEP, WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.spec import Plan, PlannedJob, write_spec
 from tlr_exp.sweeps.stopping import Left, Stopper
@@ -49,6 +49,14 @@ class Session:
             write_spec(self.sweep.path, job.num, job.spec)
             if not self.sweep.job_path(job.num).exists():
                 self.sweep.write_job(job.num, WAITING, overrides=job.overrides)
+
+    def is_finished(self) -> bool:
+        """Whether an earlier attempt finished the sweep, and all of its runs are still there."""
+        if not (self.sweep.path / SWEEP).is_file() or self.sweep.record["status"] != FINISHED:
+            return False
+        runs = latest_runs(self.plan.study_folder, prefer_finished=True) if self.plan.go_on else {}
+        found = [runs.get(job.identity) for job in self.plan.jobs]
+        return all(run is not None and run.status == FINISHED for run in found)
 
     def work_off(self) -> None:
         """Until every job has ended or somebody stops the sweep."""

@@ -12,11 +12,14 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.records.following import WatchedProcess
 from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
@@ -49,6 +52,8 @@ class JobTask:
         num = int(os.environ[JOB_VARIABLE])
         if os.getpid() != self.main_process:
             _leave_ctrl_c_to_the_sweep()
+            if self._is_with_the_sweep():
+                _end_with(self.sweep_pid)
         try:
             if stop_requested(Path(self.sweep)) is None:
                 self._run(num)
@@ -60,7 +65,7 @@ class JobTask:
         sweep = SweepDirectory(self.sweep)
         spec = read_spec(sweep.path, num)
         command = [sys.executable, "-m", "tlr_exp.sweeps.job", self.sweep, str(num)]
-        if self.sweep_pid is not None and socket.gethostname() == self.host:
+        if self._is_with_the_sweep():
             command += ["--with-pid", str(self.sweep_pid)]
         with open(log_path(sweep.path, num), "ab") as log:
             process = subprocess.Popen(
@@ -75,6 +80,10 @@ class JobTask:
         returned = _wait(process, sweep.path)
         _close(sweep, num, returned)
 
+    def _is_with_the_sweep(self) -> bool:
+        """Whether this process can see that of the sweep, and is to end with it."""
+        return self.sweep_pid is not None and socket.gethostname() == self.host
+
 
 def job_environment(environment: Mapping[str, str], threads: int) -> dict[str, str]:
     """The environment of a job on ``threads`` threads; 0 leaves the number to the libraries."""
@@ -88,6 +97,22 @@ def _leave_ctrl_c_to_the_sweep() -> None:
     """A worker that dies of the terminal's Ctrl-C could not see its job through to the end."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@cache
+def _end_with(pid: int) -> None:
+    """Let this worker end when the sweep is killed: joblib's wait five minutes for more work.
+
+    Its job notices by itself, and ends after its iteration.
+    """
+    sweep = WatchedProcess(pid)
+
+    def watch() -> None:
+        while sweep.alive():
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="end-with-sweep").start()
 
 
 def _wait(process: subprocess.Popen[bytes], sweep: Path) -> int:
