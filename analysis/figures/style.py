@@ -62,7 +62,7 @@ STYLE: dict[str, Any] = {
     "grid.color": GRID_GREY,
     "grid.linewidth": 0.4,
     "lines.linewidth": 1.2,
-    "lines.markersize": 3.8,
+    "lines.markersize": 4.0,
     "hatch.linewidth": 0.5,
     "hatch.color": "white",
     "axes.formatter.limits": (-4, 5),
@@ -105,7 +105,7 @@ class ArmLook:
             "linestyle": self.linestyle,
             "marker": self.marker,
             "markeredgecolor": "white",
-            "markeredgewidth": 0.5,
+            "markeredgewidth": 0.3,
             "label": self.label,
         }
 
