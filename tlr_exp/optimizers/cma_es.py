@@ -9,7 +9,7 @@ from cmaes import CMA, SepCMA
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_flag, check_integer, check_number
 from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, best_first
 
@@ -107,17 +107,13 @@ class CmaEs(PackOptimizer):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         initial_std: float = 0.3,
         separable: bool = False,
         resampling: int = 5,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_number("initial_std", initial_std, 1e-6, 1.0)
         check_flag("separable", separable)
         check_integer("resampling", resampling, 1)

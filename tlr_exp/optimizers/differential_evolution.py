@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_choice, check_number
 from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, first_pack, improves
 
@@ -95,17 +95,13 @@ class DifferentialEvolution(PackOptimizer):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         strategy: Strategy = "rand1bin",
         scale: float = 0.5,
         crossover: float = 0.9,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_choice("strategy", strategy, get_args(Strategy))
         check_number("scale", scale, 0.0, 2.0)
         check_number("crossover", crossover, 0.0, 1.0)

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_flag
 from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, best_first, first_pack
 
@@ -85,18 +85,14 @@ class GreyWolfOptimizer(PackOptimizer):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         persistent: bool = False,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_flag("persistent", persistent)
         self.persistent = persistent
-        self.pack = self.lower.new_empty(0, num_terms)  # none before the first search
+        self.pack = self.lower.new_empty(0, self.num_terms)  # none before the first search
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
         """One grey wolf search with the settings of this optimizer."""

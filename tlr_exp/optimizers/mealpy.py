@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_integer
 from tlr_exp.optimizers.pack import BudgetSearch, BudgetSpent, Tally
 
@@ -44,18 +44,14 @@ class MealpySearch(BudgetSearch):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         algorithm: str,
         pack_size: int = 30,
         iterations: int = 50,
         parameters: Mapping[str, Any] | None = None,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_integer("pack_size", pack_size, 5)
         check_integer("iterations", iterations, 1)
         self.algorithm = _find(algorithm)

@@ -23,9 +23,7 @@ was chosen:
 
 from typing import Any
 
-import torch
-
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_integer
 from tlr_exp.optimizers.ospo_search import OspoSettings, ospo_search
 from tlr_exp.optimizers.pack import BudgetSearch
@@ -47,18 +45,14 @@ class Ospo(BudgetSearch):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         population: int = 40,
         elites: int = 10,
         inner_iterations: int = 30,
         start_points: int = 10,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_integer("elites", elites, 3, "a jump is made of the best three")
         check_integer("population", population, elites, "the elites are taken from it")
         check_integer("inner_iterations", inner_iterations, 1)

@@ -14,7 +14,6 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import Objective
 from tlr_exp.optimizers.base import SearchResult, check_choice, check_flag, check_integer
 from tlr_exp.optimizers.box import BoxOptimizer, uniform_positions
 
@@ -132,8 +131,8 @@ class WeightSearch(BoxOptimizer):
     """A `BoxOptimizer` that looks for small J with a known number of evaluations.
 
     Args:
-        num_terms, objective, seed, device, lower, upper: see `BoxOptimizer`.
         tie_break: which of equally good weights win.
+        Others: see `BoxOptimizer`.
 
     Raises:
         ValueError: a setting outside its range.
@@ -141,16 +140,11 @@ class WeightSearch(BoxOptimizer):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
-        lower: float = 0.0,
-        upper: float = 1.0,
+        *arguments: Any,
         tie_break: TieBreak = "first",
+        **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, lower=lower, upper=upper)
+        super().__init__(*arguments, **settings)
         check_choice("tie_break", tie_break, get_args(TieBreak))
         self.tie_break: TieBreak = tie_break
 
@@ -172,28 +166,18 @@ class BudgetSearch(WeightSearch):
         Others: see `WeightSearch`.
     """
 
-    min_budget = 1
-
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         budget: int = 1530,
-        lower: float = 0.0,
-        upper: float = 1.0,
-        tie_break: TieBreak = "first",
+        **settings: Any,
     ) -> None:
-        super().__init__(
-            num_terms, objective, seed, device, lower=lower, upper=upper, tie_break=tie_break
-        )
+        super().__init__(*arguments, **settings)
         self.fit_budget(budget)
 
     def fit_budget(self, evaluations: int) -> None:
         """See `WeightSearch.fit_budget`."""
-        check_integer("budget", evaluations, self.min_budget)
+        check_integer("budget", evaluations, 1)
         self.budget = evaluations
 
 
@@ -213,21 +197,13 @@ class PackOptimizer(WeightSearch):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
-        lower: float = 0.0,
-        upper: float = 1.0,
+        *arguments: Any,
         pack_size: int = 30,
         iterations: int = 50,
-        tie_break: TieBreak = "first",
         warm_start: bool = False,
+        **settings: Any,
     ) -> None:
-        super().__init__(
-            num_terms, objective, seed, device, lower=lower, upper=upper, tie_break=tie_break
-        )
+        super().__init__(*arguments, **settings)
         check_integer("pack_size", pack_size, self.min_pack_size, self.why_min_pack_size)
         check_integer("iterations", iterations, 1)
         check_flag("warm_start", warm_start)

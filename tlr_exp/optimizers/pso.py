@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import Objective, WeightFunction
+from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_number
 from tlr_exp.optimizers.box import uniform_positions
 from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, first_pack, improves
@@ -89,17 +89,13 @@ class ParticleSwarm(PackOptimizer):
 
     def __init__(
         self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
+        *arguments: Any,
         inertia: float = 0.7298,
         cognitive: float = 1.49618,
         social: float = 1.49618,
         **settings: Any,
     ) -> None:
-        super().__init__(num_terms, objective, seed, device, **settings)
+        super().__init__(*arguments, **settings)
         check_number("inertia", inertia, 0.0, 1.0)
         check_number("cognitive", cognitive, 0.0, 4.0)
         check_number("social", social, 0.0, 4.0)
