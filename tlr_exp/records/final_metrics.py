@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
 from tlr_exp.keys import (
@@ -35,7 +36,7 @@ def final_metrics(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     final = {}
     for name in AVERAGED:
         if values := list(_finite(last, name)):
-            final[f"{FINAL_PREFIX}{name.rpartition('/')[2]}"] = sum(values) / len(values)
+            final[f"{FINAL_PREFIX}{name.rpartition('/')[2]}"] = fmean(values)
     for row in rows:
         for name in row:
             if name.startswith(EVAL_PREFIX) and (values := list(_finite([row], name))):

@@ -19,6 +19,7 @@ STATUS_TAG = "tlr_exp.status"
 FILES_TAG = "tlr_exp.files"
 KIND_TAG = "kind"  # "run" or "sweep"
 SWEEP_TAG = "sweep"  # of a sweep its directory's name; of a run those of all that it belongs to
+BEST_CHECKPOINT_TAG, FINAL_CHECKPOINT_TAG = "best_checkpoint", "final_checkpoint"  # artifacts
 PARENT_TAG = "mlflow.parentRunId"
 KIND_RUN, KIND_SWEEP = "run", "sweep"
 

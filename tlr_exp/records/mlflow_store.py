@@ -9,6 +9,7 @@ import logging
 import os
 import re
 import sqlite3
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -18,6 +19,7 @@ import filelock
 from sqlalchemy.exc import SQLAlchemyError
 
 from tlr_exp.records.mirror import hide_password, sqlite_path
+from tlr_exp.records.mlflow_view import experiment_tags
 from tlr_exp.records.runs import ARTIFACTS
 
 # Before mlflow is imported: no usage reports, no log set-up of its own, and a server that is away
@@ -130,7 +132,8 @@ def experiment_id(client: MlflowClient, name: str, uri: str) -> str:
         # Without a location a local store would put files into ./mlruns of whoever calls.
         location = None if database is None else _artifact_root(database)
         try:
-            return client.create_experiment(name, artifact_location=location)
+            tags = experiment_tags(int(time.time() * 1000))
+            return client.create_experiment(name, artifact_location=location, tags=tags)
         except MlflowException:  # another process was faster
             found = client.get_experiment_by_name(name)
             if found is None:

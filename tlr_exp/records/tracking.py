@@ -29,6 +29,8 @@ from tlr_exp.records.final_metrics import final_metrics
 from tlr_exp.records.metrics_file import WALL_TIME, last_of_each_iteration, read_metrics
 from tlr_exp.records.mirror import MAX_FILE_MB
 from tlr_exp.records.mlflow_names import (
+    BEST_CHECKPOINT_TAG,
+    FINAL_CHECKPOINT_TAG,
     RUN_ID_TAG,
     flat_parameters,
     mlflow_status,
@@ -155,8 +157,13 @@ class RunUpload:
         status = INTERRUPTED if dead else manifest["status"]
         run, created = self._find_or_create(client, manifest)
         notes = log_parameters(client, run, self._flat_config())
-        links = link_tags(client, run, self._parent) if self._parent else {}
-        set_tags(client, run, {**run_tags(manifest, status), **links})
+        tags = run_tags(manifest, status)
+        if status == FINISHED:
+            kept = self._kept_checkpoints().items()
+            tags |= {tag: f"{CHECKPOINTS}/{path.name}" for tag, path in kept}
+        if self._parent is not None:
+            tags |= link_tags(client, run, self._parent)
+        set_tags(client, run, tags)
         iterations, points = self._log_metrics(client, run)
         if status == FINISHED:
             points += self._log_final(client, run)
@@ -218,12 +225,9 @@ class RunUpload:
     def _files(self, status: str) -> tuple[list[Artifact], list[str]]:
         """Evaluations, and checkpoints of a finished run; and what is said of those too large."""
         files = files_below(self._run.path, EVALUATIONS)
-        folder = self._run.path / CHECKPOINTS
-        if status == FINISHED and (iterations := checkpoint_iterations(folder)):
-            for which, iteration in (("best", best_iteration(folder)), ("final", iterations[-1])):
-                if iteration is not None:
-                    path = checkpoint_path(folder, iteration)
-                    files.append(Artifact(path, f"{CHECKPOINTS}/{which}"))
+        kept = self._kept_checkpoints() if status == FINISHED else {}
+        paths = dict.fromkeys(kept.values())  # the best one is often the last
+        files += [Artifact(path, CHECKPOINTS) for path in paths]
         limit = self._max_file_mb * 1e6
         notes = [
             f"{file.name} stays in the run directory: {file.path.stat().st_size / 1e6:.1f} MB, "
@@ -232,6 +236,16 @@ class RunUpload:
             if file.path.stat().st_size > limit
         ]
         return [file for file in files if file.path.stat().st_size <= limit], notes
+
+    def _kept_checkpoints(self) -> dict[str, Path]:
+        """The files of the best and the final checkpoint, by the tags that name them."""
+        folder = self._run.path / CHECKPOINTS
+        iterations = checkpoint_iterations(folder)
+        chosen = {
+            BEST_CHECKPOINT_TAG: best_iteration(folder),
+            FINAL_CHECKPOINT_TAG: iterations[-1] if iterations else None,
+        }
+        return {tag: checkpoint_path(folder, at) for tag, at in chosen.items() if at is not None}
 
     def _ended_ms(self, manifest: dict[str, Any]) -> int:
         ended = milliseconds(manifest["updated_at"])
