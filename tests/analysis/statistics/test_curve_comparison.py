@@ -135,6 +135,12 @@ def test_iterations_that_do_not_vary_are_no_difference() -> None:
         np.testing.assert_array_equal(result.p_values[:2], 1.0)
 
 
+def test_curves_that_do_not_vary_at_all_are_alike() -> None:
+    result = compare_curves(np.ones((4, 3)), np.ones((4, 3)), generator=rng())
+    assert result.p_value == 1.0
+    assert not result.differs.any()
+
+
 def test_arms_that_do_not_vary_within_differ_all_the_same() -> None:
     # The guard keeps the statistic finite: the smallest standard error is a share of the overall
     # one.

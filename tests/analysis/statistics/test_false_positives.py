@@ -94,9 +94,11 @@ def test_rates_follow_from_the_tests_of_each_study() -> None:
 
 
 def test_curves_have_the_autocorrelation_and_spread_asked_for() -> None:
-    curves = ar1_curves((2000, 300), 0.8, 2.0, np.random.default_rng(42))
-    # Stationary from the first iteration on: variance 1 + 2^2 everywhere.
-    np.testing.assert_allclose(curves.var(axis=0), 5.0, rtol=0.2)
+    # Stationary from the first iteration on: variance 1 everywhere, and 1 + 2^2 with levels.
+    noise = ar1_curves((5000, 50), 0.8, 0.0, np.random.default_rng(42))
+    np.testing.assert_allclose(noise.var(axis=0), 1.0, rtol=0.1)
+    curves = ar1_curves((5000, 50), 0.8, 2.0, np.random.default_rng(42))
+    np.testing.assert_allclose(curves.var(axis=0), 5.0, rtol=0.1)
     long = ar1_curves((100_000,), 0.8, 0.0, np.random.default_rng(43))
     np.testing.assert_allclose(autocorrelation(long)[:4], 0.8 ** np.arange(4), atol=0.02)
 

@@ -67,6 +67,32 @@ def test_fieller_by_hand() -> None:
     assert result.high == pytest.approx(1 - 0.52378, abs=1e-4)
 
 
+def test_fieller_of_one_arm_that_varies_is_closed() -> None:
+    # Only the baseline 9, 10, 11 varies, so the degrees of freedom are its two, t = 4.30265, the
+    # standard error is 1 / sqrt(3), and rho = 8 / (10 +- t / sqrt(3)).
+    result = relative_improvement_interval([9.0, 10.0, 11.0], [8.0] * 5, smaller_is_better=True)
+    margin = 4.30265 / 3**0.5
+    assert result.low == pytest.approx(1 - 8 / (10 - margin), abs=1e-5)
+    assert result.high == pytest.approx(1 - 8 / (10 + margin), abs=1e-5)
+    # Only the treatment 7, 8, 9 varies: rho = (8 +- t / sqrt(3)) / 10.
+    result = relative_improvement_interval([10.0] * 5, [7.0, 8.0, 9.0], smaller_is_better=True)
+    assert (result.low, result.high) == pytest.approx(
+        (0.2 - margin / 10, 0.2 + margin / 10), abs=1e-5
+    )
+
+
+def test_fieller_weighs_both_arms_degrees_of_freedom() -> None:
+    # Variances of the means 1 / 3 (baseline, 2 degrees of freedom) and 1 (treatment, 2), ratio 2:
+    # of the variance of mean_t - 2 mean_b, 1 + 4 / 3, Satterthwaite's (7/3)^2 / (1/2 + (4/3)^2 / 2)
+    # = 5.4444 / 1.3889 = 3.92 degrees of freedom.
+    steps = np.array([-1.0, 0.0, 1.0])
+    baseline, treatment = 10 + steps, 20 + 3**0.5 * steps
+    result = relative_improvement_interval(baseline, treatment, smaller_is_better=False)
+    squared_t = stats.t.ppf(0.975, 3.92) ** 2
+    for ratio in (1 + result.low, 1 + result.high):
+        assert (20 - 10 * ratio) ** 2 == pytest.approx(squared_t * (1 + ratio**2 / 3))
+
+
 @pytest.mark.parametrize("paired", [False, True])
 def test_fieller_is_the_set_of_ratios_that_a_t_test_keeps(paired: bool) -> None:
     generator = np.random.default_rng(2)
