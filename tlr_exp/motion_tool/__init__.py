@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from tlr_exp.motion_tool import checking, importing, joining, looking
+from tlr_exp.motion_tool import checking, importing, joining, looking, showing
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,6 +28,7 @@ def _parser() -> argparse.ArgumentParser:
     importing.add_arguments(commands.add_parser("import", help="make a clip from a motion file"))
     checking.add_arguments(commands.add_parser("check", help="what is physically wrong with clips"))
     joining.add_arguments(commands.add_parser("join", help="clips one after the other"))
+    showing.add_arguments(commands.add_parser("show", help="video, keyframes and curves of a clip"))
     looking.add_info(commands.add_parser("info", help="what a clip holds"))
     looking.add_list(commands.add_parser("list", help="the authored motions"))
     return parser

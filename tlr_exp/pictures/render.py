@@ -107,6 +107,7 @@ def keyframe_strip(
     width: int = 320,
     height: int = 400,
     camera: Camera | None = None,
+    lookat: np.ndarray | None = None,
     quality: str = "full",
 ) -> np.ndarray:
     """A table of pictures: a row for each motion, a column for each moment.
@@ -119,6 +120,8 @@ def keyframe_strip(
         ghost_rows: for each row a reference to lay over it, or None.
         row_labels, column_labels: written left of the rows and above the columns.
         width, height: of one picture, pixels.
+        lookat: the point in the middle of each column's pictures [columns, 3], m; by default the
+            pelvis of the first row.
 
     Returns:
         uint8 [height, width, 3] of the whole table.
@@ -133,7 +136,8 @@ def keyframe_strip(
     _check_labels("column_labels", column_labels, len(rows[0]))
     _check_labels("ghost_rows", ghost_rows, len(rows))
     camera = camera or Camera(smoothing_frames=0.0)
-    lookat = follow_pelvis(np.asarray(rows[0], dtype=np.float64), camera.smoothing_frames)
+    if lookat is None:
+        lookat = follow_pelvis(np.asarray(rows[0], dtype=np.float64), camera.smoothing_frames)
     drawn = [
         np.concatenate(
             list(

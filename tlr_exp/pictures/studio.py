@@ -13,7 +13,7 @@ _GHOST_RGBA = np.array([0.05, 0.42, 0.95, 0.22])
 _GHOST_SETBACK = 0.02  # share of the distance to the camera
 _LIGHT_DIRECTION = np.array([-0.37, 0.32, -0.87])
 _LIGHT_DISTANCE_M = 4.0
-_SHADOW_REACH_M = 4.0
+_SHADOW_REACH_M = 14.0
 _MAX_GEOMS = 2000
 _COLLISION_GROUP = 3  # the customary group of collision shapes; 0 to 2 are drawn anyway
 
