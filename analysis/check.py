@@ -75,7 +75,7 @@ def checked(
         runs, said = _common(runs, allow_unfinished)
         notes += said
         if not runs:
-            problems.append("no seed has been finished by every arm")
+            problems += ["no seed has been finished by every arm", *said]
     problems = [
         *_unfinished_problems(runs, allow_unfinished),
         *_duplicate_problems(runs),

@@ -23,12 +23,11 @@ import pandas as pd
 from analysis.run_directories import CONFIG, MANIFEST, read_json, read_yaml
 from analysis.runs import RunRecord, run_record
 from analysis.study import StudyError
-from tlr_exp.keys import ITERATION
+from tlr_exp.keys import FINAL_PREFIX, ITERATION
 
 # As in tlr_exp.records.mlflow_names. A run without the first is none of training's.
 RUN_ID_TAG, STATUS_TAG, KIND_TAG, SWEEP_TAG = "tlr_exp.run_id", "tlr_exp.status", "kind", "sweep"
 KIND_SWEEP, VERSION_PREFIX = "sweep", "version."
-FINAL_PREFIX = "final/"  # of numbers that a run has once, which are no part of its curves
 
 _SQLITE = "sqlite:///"
 _PAGE = 1000  # runs a search, MLflow's limit
