@@ -11,7 +11,7 @@ from analysis.figures.curve_comparison import DRAW_SEED
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.improvement import compared_arms
 from analysis.figures.lines import arm_legend
-from analysis.figures.series import QUANTITIES, pair_of, quantity
+from analysis.figures.series import pair_of
 from analysis.figures.style import (
     GREY,
     MINUS,
@@ -21,6 +21,7 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
+from analysis.quantities import QUANTITIES, quantity
 from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.results import Interval
 from analysis.study import Study

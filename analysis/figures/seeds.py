@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from analysis.endpoints import tail_mean
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis
-from analysis.figures.series import all_series, last_iteration, only_seeds, quantity, series_of
+from analysis.figures.series import all_series, last_iteration, only_seeds, series_of
 from analysis.figures.style import (
     TWO_COLUMNS_IN,
     ArmLook,
@@ -17,6 +17,7 @@ from analysis.figures.style import (
     styled,
 )
 from analysis.figures.tracking import BODY_PANELS
+from analysis.quantities import quantity
 from analysis.study import Study
 from tlr_exp import keys
 

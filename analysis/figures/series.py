@@ -1,4 +1,4 @@
-"""Metrics as figures need them: matrices of a study, and how each metric is called on an axis."""
+"""Metrics of a study as figures need them."""
 
 from dataclasses import dataclass, replace
 
@@ -8,38 +8,6 @@ from analysis.figures.drawing import NotDrawnError
 from analysis.statistics.paper import Band, seed_band
 from analysis.study import Study
 from tlr_exp import keys
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """How a metric is shown: its name in words, its unit, and which way is better."""
-
-    name: str
-    unit: str
-    larger_is_better: bool
-
-    @property
-    def label(self) -> str:
-        """Axis label, "Upper-body error (m)"."""
-        return f"{self.name} ({self.unit})" if self.unit else self.name
-
-
-QUANTITIES = {
-    keys.EPISODE_LENGTH: Quantity("Episode length", "control steps", True),
-    keys.TRAIN_UPPER_BODY_ERROR: Quantity("Upper-body error", "m", False),
-    keys.TRAIN_LOWER_BODY_ERROR: Quantity("Lower-body error", "m", False),
-    keys.TRAIN_JOINT_ERROR: Quantity("Joint error", "rad", False),
-    f"{keys.EVAL_PREFIX}upper_body_error_m": Quantity("Upper-body error, evaluation", "m", False),
-    f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
-    f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),
-    f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of motion", True),
-    f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of motion", True),
-}
-
-
-def quantity(metric: str) -> Quantity:
-    """How a metric is shown; metrics without an entry appear under their own name."""
-    return QUANTITIES.get(metric, Quantity(metric, "", True))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures.drawing import Drawing, caption_of
 from analysis.figures.lines import arm_legend, draw_arms
-from analysis.figures.series import all_series, one_run_of_each_arm, quantity
+from analysis.figures.series import all_series, one_run_of_each_arm
 from analysis.figures.style import (
     PAPER_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -15,6 +15,7 @@ from analysis.figures.style import (
     panel_letter,
     styled,
 )
+from analysis.quantities import quantity
 from analysis.study import Study
 from tlr_exp import keys
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.endpoints import area_under_curve, final_value, iterations_to_reach, tail_mean
-from analysis.figures.series import quantity
+from analysis.quantities import quantity
 from analysis.report.cells import (
     MISSING,
     NBSP,
@@ -18,8 +18,9 @@ from analysis.report.cells import (
     p_value_text,
 )
 from analysis.report.claims import Claim, Finding
-from analysis.report.evidence import Evidence
+from analysis.report.evidence import SEED, Evidence
 from analysis.statistics.comparison import Comparison
+from analysis.statistics.curves import compare_curves
 from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
 from analysis.statistics.significance import holm
 from tlr_exp import keys
@@ -213,6 +214,29 @@ def _tests_note(found: Sequence[Outcome]) -> str:
         )
     reasons = {reason for o in found for reason in o.unpaired.notes if "bootstrap" not in reason}
     return ". ".join([text, *sorted(reasons)]) + "."
+
+
+def curves_table(evidence: Evidence) -> Table:
+    """Whole curves, compared by permuting the labels of the seeds."""
+    rows = []
+    for metric in TRAINING:
+        if metric not in evidence.metric_names:
+            continue
+        at, first, second = evidence.common(metric)
+        if min(len(first), len(second)) < 2:
+            continue
+        found = compare_curves(first, second, generator=np.random.default_rng(SEED))
+        places = at[found.differs]
+        where = f"{places.min()} to {places.max()}" if places.size else "nowhere"
+        share = f"{100 * found.differs.mean():.0f}{NBSP}%"
+        rows.append((quantity(metric).name, p_value_text(found.p_value), share, where))
+    header = ("curve", "p, anywhere", "iterations that differ", "from the first to the last")
+    note = (
+        "The largest t statistic over all iterations against the largest under every other "
+        "labeling of the seeds: the chance to call any iteration different where none is, is at "
+        "most 5 %, however neighbouring iterations depend on each other."
+    )
+    return Table(f"Whole curves: {_against(evidence)}", header, tuple(rows), note if rows else "")
 
 
 def speed_table(evidence: Evidence) -> Table:

@@ -6,14 +6,16 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.figures.drawing import NotDrawnError
-from analysis.figures.series import quantity
+from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render
+from analysis.quantities import quantity
 from analysis.report import comparison_tables, run_tables
 from analysis.report.cells import Table, duration, interval_text
 from analysis.report.claims import (
@@ -101,7 +103,7 @@ def gather(study: Study, command: str, progress: Progress = lambda _: None) -> R
     found = {arm: comparison_tables.outcomes(Evidence(study, arm)) for arm in study.arms[1:]}
     progress("false alarms of both protocols")
     rates = null_rates(evidence)
-    figures = Section("figures", "Figures", **draw_all(study, progress))
+    figures = Section("figures", "Figures", **draw_all(study, rates, progress))
     return Report(
         title=f"{evidence.labels[1]} against {evidence.labels[0]} reward",
         subtitle=_subtitle(study),
@@ -137,13 +139,17 @@ def null_rates(evidence: Evidence) -> FalsePositiveRates:
     )
 
 
-def draw_all(study: Study, progress: Progress) -> dict[str, Any]:
-    """Every figure that the study has the data for ("pictures"), and why others are "missing"."""
+def draw_all(study: Study, rates: FalsePositiveRates, progress: Progress) -> dict[str, Any]:
+    """Every figure that the study has the data for ("pictures"), and why others are "missing".
+
+    `rates` of simulated studies stand in the figure of false alarms beside those of this study.
+    """
+    simulated = {"false_positives": partial(figure_false_positives, simulated=rates)}
     pictures, missing = [], []
     for number, spec in enumerate(ALL_FIGURES, 1):
         progress(f"figure {number} of {len(ALL_FIGURES)}")
         try:
-            drawing = spec.draw(study)
+            drawing = simulated.get(spec.stem, spec.draw)(study)
         except NotDrawnError as reason:
             missing.append(f"{spec.stem} ({reason})")
             continue
@@ -221,6 +227,7 @@ def _seeds_section(study: Study, found: dict[str, list[Outcome]]) -> Section:
         content += [
             comparison_tables.seeds_table(evidence, of_arm),
             comparison_tables.tests_table(evidence, of_arm),
+            comparison_tables.curves_table(evidence),
             comparison_tables.speed_table(evidence),
         ]
     return Section("seeds", "The seed as the unit", (SEEDS_TEXT,), tuple(content))
@@ -238,6 +245,7 @@ def _runs_section(study: Study) -> Section:
     content = (
         run_tables.runs_table(study),
         run_tables.environment_table(study),
+        run_tables.terms_table(study),
         run_tables.settings_table(study),
     )
     return Section("runs", "What was run", (_cost(study),), content)

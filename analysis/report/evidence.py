@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from analysis.figures.series import quantity
+from analysis.quantities import quantity
 from analysis.statistics.autocorrelation import autocorrelation
 from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.intervals import difference_interval, relative_improvement_interval

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 
+from analysis.figures.reward_terms import table_1
 from analysis.report.cells import MISSING, Table, duration
 from analysis.study import Study, pretty_arm
 from tlr_exp import keys
@@ -44,6 +45,20 @@ def environment_table(study: Study) -> Table:
         *versions.items(),
     ]
     return Table("Environment", ("what", "value"), tuple(rows))
+
+
+def terms_table(study: Study) -> Table:
+    """The lower layer as it was configured: the paper's Table 1."""
+    rows = tuple(
+        (
+            *(term.name, term.formula, term.unit, f"{term.coefficient:g}", term.constants),
+            *("yes" if term.in_paper else "no", ", ".join(term.arms) or "all"),
+        )
+        for term in table_1(study)
+    )
+    header = ("term", "raw value", "unit", "coefficient (1/s)", "constants", "in the paper", "arms")
+    note = "A term enters the reward as weight * coefficient * control step * raw value."
+    return Table("The lower layer (the paper's Table 1)", header, rows, note)
 
 
 def settings_table(study: Study) -> Table:
