@@ -64,14 +64,13 @@ def make_plan(config: DictConfig) -> Plan:
         for num, (plain, settings, method) in enumerate(composed)
     )
     _refuse_duplicates(jobs)
-    preset = hydra.runtime.choices.get("sweep")
     identities = [job.identity for job in jobs]
     return Plan(
-        name=preset or UNNAMED,
+        name=hydra.runtime.choices.get("sweep") or UNNAMED,
         sweep_id=config_hash({"study": shared.study, "jobs": identities}),
         study=shared.study,
         study_folder=Path(shared.runs_dir).absolute() / shared.study,
-        description=_description(preset),
+        description=_description(hydra),
         arms=tuple(key.lstrip("+") for key in differing if key.lstrip("+") != "seed"),
         scale=shared.scale.name,
         jobs=jobs,
@@ -216,9 +215,9 @@ class Mistakes:
 
 
 # --- presets ---------------------------------------------------------------------------------
-def _description(preset: str | None) -> str:
+def _description(hydra: DictConfig) -> str:
     """The comment at the head of a preset: the question that the sweep asks."""
-    path = None if preset is None else _preset_path(preset)
+    path = _preset_path(hydra)
     if path is None:
         return ""
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -227,15 +226,13 @@ def _description(preset: str | None) -> str:
     return " ".join(word for word in words if word)
 
 
-def _preset_path(preset: str) -> Path | None:
-    loader = GlobalHydra.instance().config_loader()
-    for source in loader.get_sources():
-        if source.scheme() == "pkg":
-            path = Path(str(files(source.path))) / "sweep" / f"{preset}.yaml"
-        elif source.scheme() == "file":
-            path = Path(source.path) / "sweep" / f"{preset}.yaml"
-        else:
+def _preset_path(hydra: DictConfig) -> Path | None:
+    preset = hydra.runtime.choices.get("sweep")
+    for source in hydra.runtime.config_sources:
+        if preset is None or source.schema not in ("pkg", "file"):
             continue
+        folder = Path(str(files(source.path)) if source.schema == "pkg" else source.path)
+        path = folder / "sweep" / f"{preset}.yaml"
         if path.is_file():
             return path
     return None

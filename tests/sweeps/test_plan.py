@@ -1,0 +1,175 @@
+"""From a command to checked jobs: presets, what wins, identities, mistakes."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tlr_exp.config import ConfigError
+from tlr_exp.sweeps import plan as planning
+from tlr_exp.sweeps.plan import make_plan, split_overrides
+
+CONF = Path(__file__).parents[2] / "conf"
+MOTIONS = sorted(path.stem for path in (CONF / "env").glob("*.yaml"))
+SHARES = ("0.02", "0.05", "0.1", "0.2", "0.3", "0.5")
+
+
+def seeds(count, arms, key="optimizer"):
+    return [f"seed={seed} {key}={arm}" for seed in range(count) for arm in arms]
+
+
+PRESETS = {
+    "five_seeds": (seeds(5, ["fixed", "gwo"]), ("optimizer",)),
+    "controls": (seeds(5, ["fixed", "random", "gwo"]), ("optimizer",)),
+    "threshold": (
+        seeds(3, SHARES, "reward.objective.threshold_share"),
+        ("reward.objective.threshold_share",),
+    ),
+    "pack_size": (
+        seeds(3, ["5", "10", "30", "100"], "optimizer.pack_size"),
+        ("optimizer.pack_size",),
+    ),
+    "tie_break": (
+        seeds(5, ["first", "largest_norm"], "optimizer.tie_break"),
+        ("optimizer.tie_break",),
+    ),
+}
+
+
+@pytest.fixture
+def trusting(monkeypatch):
+    """Motions and models are not read: that takes seconds each, and has tests of its own."""
+    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: None)
+
+
+def test_every_preset_is_tested_here():
+    assert {path.stem for path in (CONF / "sweep").glob("*.yaml")} == {*PRESETS, "motions"}
+
+
+@pytest.mark.usefixtures("trusting")
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_list_their_jobs_ask_a_question_and_set_nothing_else(name, multirun):
+    plan = make_plan(multirun(f"+sweep={name}"))
+    labels, arms = PRESETS[name]
+    assert [job.label for job in plan.jobs] == labels
+    assert plan.arms == arms
+    assert plan.name == name
+    assert re.match(r"\w.*\?", plan.description)
+    # The configuration of a job is that of a single run with the same overrides.
+    alone = make_plan(multirun(*plan.jobs[-1].overrides[:-1]))
+    assert alone.jobs[0].identity == plan.jobs[-1].identity
+
+
+@pytest.mark.usefixtures("trusting")
+def test_motions_are_all_that_there_are(multirun):
+    plan = make_plan(multirun("+sweep=motions", "seed=0"))
+    swept = {o.partition("=")[2] for job in plan.jobs for o in job.overrides if o[:4] == "env="}
+    assert sorted(swept) == MOTIONS
+    assert len(plan.jobs) == 2 * len(MOTIONS)
+
+
+@pytest.mark.usefixtures("trusting")
+def test_what_stands_on_the_command_line_wins(multirun):
+    plan = make_plan(multirun("+sweep=five_seeds", "seed=7,8", "optimizer=gwo", "scale=laptop"))
+    assert [job.label for job in plan.jobs] == ["seed=7", "seed=8"]
+    assert (plan.arms, plan.scale) == ((), "laptop")
+    assert {job.spec.method for job in plan.jobs} == {"gwo"}
+    assert {job.iterations for job in plan.jobs} == {407}
+
+
+@pytest.mark.usefixtures("trusting")
+def test_the_same_command_is_the_same_sweep_however_it_is_run(multirun, tmp_path, monkeypatch):
+    def sweep_id(*overrides):
+        return make_plan(multirun("optimizer=fixed,gwo", *overrides)).sweep_id
+
+    plain = sweep_id()
+    assert plain == sweep_id("hydra/launcher=local", "num_threads=1", "tracking_uri=none")
+    assert plain == sweep_id("resume=auto", f"runs_dir={tmp_path}")
+    monkeypatch.chdir(tmp_path)
+    assert plain == sweep_id()
+    assert plain != sweep_id("seed=1")
+    assert plain != sweep_id("study=other")
+    assert re.fullmatch("[0-9a-f]{8}", plain)
+
+
+@pytest.mark.usefixtures("trusting")
+def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, monkeypatch):
+    monkeypatch.setattr(planning, "available_cores", lambda: 8)
+
+    def threads(*overrides):
+        spec = make_plan(multirun("seed=0,1,2,3", *overrides)).jobs[0].spec
+        return spec.threads, spec.config["num_threads"], spec.config["physics"]["num_threads"]
+
+    assert threads() == (8, 8, 8)
+    assert threads("hydra/launcher=local") == (2, 2, 2)
+    assert threads("hydra/launcher=local", "hydra.launcher.n_jobs=2") == (4, 4, 4)
+    assert threads("hydra/launcher=local", "num_threads=1") == (1, 1, 2)
+    assert threads("hydra/launcher=slurm") == (0, 0, 0)
+
+
+def test_a_list_a_range_a_choice_and_a_glob_are_sweeps(multirun):
+    multirun()
+    choices = split_overrides(
+        ["seed=0,1", "ppo.num_epochs=range(2,6,2)", "device=choice(cpu,cuda)", "env=glob(gym*)"]
+    )
+    assert choices == {
+        "seed": ["seed=0", "seed=1"],
+        "ppo.num_epochs": ["ppo.num_epochs=2", "ppo.num_epochs=4"],
+        "device": ["device=cpu", "device=cuda"],
+        "env": ["env=gym_motion"],
+    }
+    assert split_overrides(["seed=0,1", "ppo.hidden_sizes=[1,2]", "seed=3"]) == {
+        "seed": ["seed=3"],
+        "ppo.hidden_sizes": ["ppo.hidden_sizes=[1,2]"],
+    }
+
+
+@pytest.mark.usefixtures("trusting")
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["seed=-1,0,1"], ["job 0 (seed=-1): seed is -1", "at least 0"]),
+        (["seed=-1,-2"], ["job 0 (seed=-1): seed is -1", "job 1 (seed=-2): seed is -2"]),
+        (["seed=0,1", "ppo.gamma=2"], ["ppo.gamma is 2"]),
+        (
+            ["seed=0,1,2,3", "optimizer=fixed,gwo", "optimizer.pack_size=10"],
+            ["jobs 0 (seed=0 optimizer=fixed), 2 (seed=1 optimizer=fixed)", "and 1 more", "pack"],
+        ),
+        (["optimizer=gwo,gwoo"], ["job 1 (optimizer=gwoo)", "gwoo", "random"]),
+        (["num_threads=1,2"], ["jobs 0 (num_threads=1) and 1 (num_threads=2) learn the same"]),
+        (["study=a,b"], ["study must be the same in every job"]),
+        (["ppo.gamma=interval(0,1)"], ["single values"]),
+        (["env=glob(nothing*)"], ["env=glob(nothing*)", "nothing that it could mean"]),
+        (["seed=0,1", "tracking_uri=ftp://x"], ["tracking_uri", "http://HOST:PORT"]),
+    ],
+)
+def test_mistakes_name_their_jobs_and_come_before_anything_is_made(
+    overrides, words, multirun, tmp_path
+):
+    with pytest.raises(ConfigError) as error:
+        make_plan(multirun(*overrides, f"runs_dir={tmp_path / 'runs'}"))
+    for word in words:
+        assert word in str(error.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_motions_are_read_once_for_all_jobs_that_share_them(multirun, monkeypatch):
+    read = []
+    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: read.append(device))
+    make_plan(multirun("seed=0,1,2", "env.start_phase=random,zero"))
+    assert read == [True, True]
+    make_plan(multirun("seed=0,1", "hydra/launcher=slurm"))
+    assert read[2:] == [False]  # a login node need not have the nodes' GPU
+
+
+def test_a_preset_of_ones_own_has_its_question_and_may_set_values(multirun, tmp_path, monkeypatch):
+    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: None)
+    (tmp_path / "sweep").mkdir()
+    (tmp_path / "sweep" / "mine.yaml").write_text(
+        "# @package _global_\n# Is it\n# mine?\nseed: 5\n"
+        "hydra: {mode: MULTIRUN, sweeper: {params: {optimizer: 'fixed,gwo'}}}\n"
+    )
+    plan = make_plan(multirun(f"hydra.searchpath=[file://{tmp_path}]", "+sweep=mine"))
+    assert [job.label for job in plan.jobs] == ["optimizer=fixed", "optimizer=gwo"]
+    assert {job.spec.config["seed"] for job in plan.jobs} == {5}
+    assert plan.description == "Is it mine?"
