@@ -62,25 +62,14 @@ def checked(
     problems = [*_name_problems(records), *unknown_keys(records, [*arm_keys, *ignore])]
     if problems:
         raise StudyError("\n".join(problems))
-    runs: list[Labelled] = list(zip(arm_labels(records, arm_keys), records, strict=True))
-    notes: list[str] = []
-    if duplicates == "newest":
-        runs, said = _newest(runs)
-        notes += said
-    if allow_unfinished:
-        runs, said = _with_iterations(runs)
-        notes += said
-    problems = [*differences([run for _, run in runs], arm_keys, [*NOT_LEARNED, *ignore])]
-    if seeds == "common":
-        runs, said = _common(runs, allow_unfinished)
-        notes += said
-        if not runs:
-            problems += ["no seed has been finished by every arm", *said]
+    found: list[Labelled] = list(zip(arm_labels(records, arm_keys), records, strict=True))
+    runs, notes = _chosen(found, allow_unfinished, seeds, duplicates)
     problems = [
+        *([] if runs else ["no run is left to compare", *notes]),
         *_unfinished_problems(runs, allow_unfinished),
         *_duplicate_problems(runs),
         *_seed_problems(runs),
-        *problems,
+        *differences([run for _, run in runs], arm_keys, [*NOT_LEARNED, *ignore]),
     ]
     if problems:
         raise StudyError("\n".join(problems))
@@ -95,6 +84,23 @@ def is_finished(run: RunRecord) -> bool:
 
 
 # --- what is left out on request -------------------------------------------------------------
+def _chosen(
+    runs: list[Labelled], allow_unfinished: bool, seeds: str, duplicates: str
+) -> tuple[list[Labelled], list[str]]:
+    """The runs that the caller wants of those found, with a sentence on each that is left out."""
+    notes: list[str] = []
+    if duplicates == "newest":
+        runs, said = _newest(runs)
+        notes += said
+    if allow_unfinished:
+        runs, said = _with_iterations(runs)
+        notes += said
+    if seeds == "common" and runs:
+        runs, said = _common(runs, allow_unfinished)
+        notes += said
+    return runs, notes
+
+
 def _newest(runs: Sequence[Labelled]) -> tuple[list[Labelled], list[str]]:
     kept: dict[tuple[str, int], Labelled] = {}
     for labelled in sorted(runs, key=lambda each: (is_finished(each[1]), each[1].created_at)):
