@@ -100,6 +100,7 @@ def test_join_writes_one_clip(paths, tmp_path, capsys):
     ("arguments", "message"),
     [
         (["check", "absent.npz"], "there is no motion clip absent.npz"),
+        (["check", __file__], "is no clip; if it is a motion of another project, make a clip of"),
         (["check", "absent"], "there is no motion 'absent'"),
         (["check", "GOOD", "-o", "OUT"], "-o is for --fix"),
         (["check", "GOOD", "--fix"], "--fix takes one clip and -o"),

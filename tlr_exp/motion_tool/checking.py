@@ -13,11 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.quality.check import Finding, check_clip, worst_verdict
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.repairs import GROUNDS, repair_clip
-from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, size
+from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, load_clip, size
 from tlr_exp.robot import build_robot
 
 _STYLES = {"ok": "green", "note": "cyan", "warn": "yellow", "fail": "bold red"}
@@ -61,7 +60,7 @@ def _fix(options: argparse.Namespace) -> int:
     (name,), output = options.clips, options.output
     check_output(output, [name], options.force)
     robot = build_robot()
-    clip = load_motion(name, robot)
+    clip = load_clip(name, robot)
     repaired = repair_clip(clip, robot, options.ground)
     before, after = check_clip(clip, robot), check_clip(repaired.clip, robot)
     repaired.clip.save(output)
@@ -84,7 +83,7 @@ def _check(options: argparse.Namespace) -> int:
     robot, results, failed = build_robot(), [], False
     for name in options.clips:
         try:
-            clip = load_motion(name, robot)
+            clip = load_clip(name, robot)
         except (ValueError, OSError) as error:
             print(f"tlr-motion: {error}", file=sys.stderr)
             results.append({"clip": name, "verdict": "fail", "error": str(error)})

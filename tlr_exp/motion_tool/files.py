@@ -7,8 +7,29 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tlr_exp.motion.clip import MotionClip
+from tlr_exp.motion.keyframes import load_motion
+from tlr_exp.robot import Robot
 
 CLIP_HELP = "an .npz clip, a .yaml of keyframes, or an authored name"
+
+
+def load_clip(name: str, robot: Robot) -> MotionClip:
+    """A clip by the name of an authored motion, or from a ``.yaml`` or ``.npz`` file.
+
+    Raises:
+        FileNotFoundError, ValueError: as ``load_motion``; a motion file of another project is told
+            what to do with it.
+    """
+    try:
+        return load_motion(name, robot)
+    except ValueError as error:
+        foreign = Path(name).is_file() and not name.endswith((".yaml", ".yml"))
+        if foreign and (not name.endswith(".npz") or "it lacks" in str(error)):
+            raise ValueError(
+                f"{name} is no clip; if it is a motion of another project, make a clip of it with "
+                "tlr-motion import"
+            ) from error
+        raise
 
 
 def add_output(parser: argparse.ArgumentParser, required: bool) -> None:

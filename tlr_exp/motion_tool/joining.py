@@ -6,11 +6,10 @@ import argparse
 
 import numpy as np
 
-from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
 from tlr_exp.motion.quality.joining import BLEND_S, Seam, join_clips
 from tlr_exp.motion_tool.checking import print_findings
-from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output
+from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, load_clip
 from tlr_exp.robot import build_robot
 
 
@@ -32,7 +31,7 @@ def _join(options: argparse.Namespace) -> int:
     """0 if nothing fails in the joined clip; else 1, and it is written all the same."""
     check_output(options.output, options.clips, options.force)
     robot = build_robot()
-    clips = [load_motion(name, robot) for name in options.clips]
+    clips = [load_clip(name, robot) for name in options.clips]
     joined, seams = join_clips(clips, robot, options.blend)
     findings = check_clip(joined, robot)
     joined.save(options.output)

@@ -10,9 +10,8 @@ from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, kinematics_error
 from tlr_exp.motion.clips import motion_names
-from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.quaternions import angle_between
-from tlr_exp.motion_tool.files import CLIP_HELP, size
+from tlr_exp.motion_tool.files import CLIP_HELP, load_clip, size
 from tlr_exp.robot import Robot, build_robot
 
 
@@ -27,7 +26,7 @@ def add_list(parser: argparse.ArgumentParser) -> None:
 
 def _info(options: argparse.Namespace) -> None:
     robot = build_robot()
-    clip = load_motion(options.clip, robot)
+    clip = load_clip(options.clip, robot)
     print(f"{options.clip}: {size(clip)}")
     for line in _measures(clip, robot):
         print(f"  {line}")

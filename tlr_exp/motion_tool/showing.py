@@ -12,8 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.motion.keyframes import load_motion
-from tlr_exp.motion_tool.files import CLIP_HELP, size
+from tlr_exp.motion_tool.files import CLIP_HELP, load_clip, size
 from tlr_exp.robot import Robot, build_robot
 
 PARTS = ("joints", "bodies", "keyframes", "video")
@@ -69,7 +68,7 @@ def _show(options: argparse.Namespace) -> int:
     if name.endswith((".npz", ".yaml", ".yml")):
         name = Path(name).stem
     robot = build_robot(visuals=True)
-    clip = load_motion(options.clip, robot)
+    clip = load_clip(options.clip, robot)
     shown_frames(clip, options.fps)
     if options.columns < 1:
         raise ValueError(f"--columns is {options.columns}; it must be at least 1")
