@@ -4,11 +4,13 @@ Hydra and OmegaConf stay within this file and the entry points. Nothing heavy is
 that a mistake shows within a second or two.
 """
 
+import copy
 import difflib
 import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -84,7 +86,8 @@ def load_settings(config: DictConfig | Mapping[str, Any]) -> Settings:
     Raises:
         ConfigError: names every wrong key with what is allowed.
     """
-    plain = plain_config(OmegaConf.create(dict(config)))
+    is_hydras = isinstance(config, DictConfig)
+    plain = plain_config(config) if is_hydras else copy.deepcopy(dict(config))
     _whole_numbers_to_floats(plain)
     try:
         typed = OmegaConf.merge(OmegaConf.structured(Settings), plain)
@@ -168,7 +171,8 @@ def _components(config: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, A
     yield "reward.objective", config["reward"]["objective"]
 
 
-def _standard_settings(group: str, target: str) -> dict[str, Any]:
+@cache  # a sweep asks once for each of its jobs
+def _standard_settings(group: str, target: str) -> Mapping[str, Any]:
     for path in sorted(_conf(group.replace(".", "/")).glob("*.yaml")):
         content = OmegaConf.to_container(OmegaConf.load(path))
         if isinstance(content, dict) and content.get("_target_") == target:

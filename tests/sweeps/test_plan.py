@@ -97,7 +97,7 @@ def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, m
     monkeypatch.setattr(planning, "available_cores", lambda: 8)
 
     def threads(*overrides):
-        spec = make_plan(multirun("seed=0,1,2,3", *overrides)).jobs[0].spec
+        spec = make_plan(multirun("seed=range(4)", *overrides)).jobs[0].spec
         return spec.threads, spec.config["num_threads"], spec.config["physics"]["num_threads"]
 
     assert threads() == (8, 8, 8)
