@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stores import sql, steps
+from stores import sql, statuses, steps
 
 from tlr_exp.records import mlflow_store, tracking
 from tlr_exp.records.mlflow_names import flat_parameters, mlflow_status, plain_name, run_tags
@@ -308,18 +308,48 @@ def test_two_uploads_of_one_run_at_once_make_one_run(
     assert steps(database) == list(range(50))
 
 
-def test_eight_processes_make_one_store_together(tmp_path: Path) -> None:
-    runs = [make_run(tmp_path / f"run{number}", lines=5) for number in range(8)]
-    command = [sys.executable, "-m", "tlr_exp.sync"]
+GROWING = """
+import sys
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.tracking import RunUpload
+number, root = int(sys.argv[1]), sys.argv[2]
+run = RunDirectory.create(f"{root}/run{number}", {"seed": number}, {"method": "gwo"})
+upload = RunUpload(run, f"sqlite:///{root}/mlflow.db", "together")
+with run.lock():
+    for iteration in range(1, 21):
+        run.log(iteration, {f"m/{index}": number + iteration / (index + 1) for index in range(40)})
+        upload.push()
+    run.set_status("finished")
+    upload.push()
+"""
+
+
+@pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
+def test_processes_make_one_store_together_and_lose_nothing(tmp_path: Path, count: int) -> None:
+    """Each pushes after each of its 20 iterations of 40 metrics into a store that nobody made."""
+    command = [sys.executable, "-c", GROWING]
     processes = [
-        subprocess.Popen([*command, str(run.path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        for run in runs
+        subprocess.Popen(
+            [*command, str(number), str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        for number in range(count)
     ]
-    outputs = [process.communicate(timeout=120) for process in processes]
-    assert [process.returncode for process in processes] == [0] * 8, outputs
+    outputs = [process.communicate(timeout=500)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0] * count, outputs
     database = tmp_path / "mlflow.db"
-    assert sql(database, "SELECT count(*) FROM runs") == [(8,)]
-    assert steps(database) == sorted([*range(5)] * 8)
+    assert statuses(database) == {f"run{number}": "FINISHED" for number in range(count)}
+    query = (
+        "SELECT runs.name, key, step, value FROM metrics JOIN runs USING (run_uuid) "
+        "WHERE key LIKE 'm/%'"
+    )
+    points = sorted(sql(database, query))
+    assert len(points) == count * 20 * 40
+    assert points == sorted(
+        (f"run{number}", f"m/{index}", iteration, number + iteration / (index + 1))
+        for number in range(count)
+        for iteration in range(1, 21)
+        for index in range(40)
+    )
     assert sql(database, "SELECT count(*) FROM experiments") == [(2,)]  # MLflow's own, and ours
     assert not list(tmp_path.glob(".mlflow*"))
 
