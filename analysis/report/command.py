@@ -1,61 +1,59 @@
-"""``tlr-report``: from an exported study to its report."""
+"""``tlr-report``: from the runs of a study, or from exported tables, to the report."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.report.content import gather
-from analysis.report.pages import ReportExistsError, write_report
+from analysis.report.pages import ReportExistsError, check_place, write_report
+from analysis.sources import add_selection, add_sources, check_sources, study_of, with_advice
 from analysis.study import StudyError
-from analysis.tables import from_tables
-
-EXIT_FAILED, EXIT_INPUT = 1, 2
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Entry point of ``tlr-report``."""
-    options = _parser().parse_args(arguments)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
+    parser = report_parser()
+    options = parser.parse_args(arguments)
+    check_sources(parser, options)
     try:
-        page = report(options.results, options.output, options.repeat, options.force)
-    except (StudyError, ReportExistsError) as error:
-        print(error, file=sys.stderr)
-        sys.exit(EXIT_INPUT)
-    except OSError as error:
-        print(f"cannot write the report: {error}", file=sys.stderr)
-        sys.exit(EXIT_FAILED)
-    print(f"report    {page}")
+        check_place(options.output, options.force)  # before a minute of statistics
+        study = study_of(options)
+        command = options.repeat or "\n".join(dict.fromkeys(study.runs["command"]))
+        report = gather(study, command, lambda step: print(f"  {step} …", flush=True))
+        page = write_report(report, options.output, options.force)
+    except StudyError as error:
+        print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
+        return 1
+    except (ReportExistsError, OSError) as error:
+        print(f"tlr-report: {error}", file=sys.stderr)
+        return 1
+    print(page)
+    return 0
 
 
-def report(results: Path, output: Path, repeat: str | None, force: bool) -> Path:
-    """Write the report of the exported study in `results` into `output`; the path of its page.
-
-    `repeat` is the command that repeats the study; None: the commands of its runs.
-
-    Raises:
-        StudyError: no study, a damaged one, or one that compares nothing.
-        ReportExistsError: `output` holds something.
-        OSError: it cannot be written.
-    """
-    study = from_tables(results)
-    command = repeat or "\n".join(dict.fromkeys(study.runs["command"]))
-    gathered = gather(study, command, lambda step: print(f"  {step} …", flush=True))
-    return write_report(gathered, output, force)
-
-
-def _parser() -> argparse.ArgumentParser:
+def report_parser() -> argparse.ArgumentParser:
+    """The parser of tlr-report."""
     parser = argparse.ArgumentParser(
         prog="tlr-report",
-        description="Write the report of an exported study (tlr-export): report.html, report.md, "
-        "figures/ and statistics.json.",
+        description="Write the report of a study: report.html, which needs no other file, the same "
+        "as report.md, its figures, and statistics.json.",
     )
-    parser.add_argument("results", type=Path, help="folder that tlr-export wrote")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the report")
-    parser.add_argument("--repeat", help="the command that repeats the study, to be shown")
+    add_sources(parser)
+    add_selection(parser)
+    parser.add_argument(
+        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
+    )
+    parser.add_argument(
+        "--repeat",
+        metavar="COMMAND",
+        help="shown as the command that repeats the study (default: the commands of its runs)",
+    )
     parser.add_argument("--force", action="store_true", help="replace a report that is there")
     return parser
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

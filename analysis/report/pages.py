@@ -29,11 +29,7 @@ def write_report(report: Report, folder: Path, replace: bool = False) -> Path:
         OSError: the folder cannot be written.
     """
     folder = folder.absolute()
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        if not replace:
-            raise ReportExistsError(f"{folder} holds something already; --force replaces it")
-        if not (folder / PAGE).is_file():
-            raise ReportExistsError(f"{folder} holds no report, so it is not replaced")
+    check_place(folder, replace)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as beside:
         fresh = Path(beside) / folder.name
@@ -42,6 +38,19 @@ def write_report(report: Report, folder: Path, replace: bool = False) -> Path:
             os.rename(folder, Path(beside) / "replaced")
         shutil.move(fresh, folder)
     return folder / PAGE
+
+
+def check_place(folder: Path, replace: bool = False) -> None:
+    """Refuse to put a report where something else is, or a report that may not be replaced.
+
+    Raises:
+        ReportExistsError: the folder holds something; the message says how to go on.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if folder.is_dir() and not (folder / PAGE).is_file():
+            raise ReportExistsError(f"{folder} holds no report, so it is not replaced")
+        if not replace:
+            raise ReportExistsError(f"{folder} holds something already; --force replaces it")
 
 
 def _write_files(report: Report, folder: Path) -> None:

@@ -131,7 +131,7 @@ def test_the_command_writes_a_report_from_exported_tables(
 ) -> None:
     study = make_study(np.random.default_rng(0), seeds=(0, 1), iterations=20)
     write_tables(study, tmp_path / "results")
-    command.main([str(tmp_path / "results"), "-o", str(tmp_path / "report")])
+    assert command.main([str(tmp_path / "results"), "-o", str(tmp_path / "report")]) == 0
     assert "report.html" in capsys.readouterr().out
     assert "tlr-train optimizer=gwo seed=1" in (tmp_path / "report" / "report.md").read_text()
 
@@ -139,8 +139,14 @@ def test_the_command_writes_a_report_from_exported_tables(
 def test_the_command_names_what_is_wrong(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as stop:
-        command.main([str(tmp_path), "-o", str(tmp_path / "report")])
-    assert stop.value.code == 2
-    assert "manifest.json" in capsys.readouterr().err
+    assert command.main([str(tmp_path / "absent"), "-o", str(tmp_path / "report")]) == 1
+    assert "absent" in capsys.readouterr().err
     assert not (tmp_path / "report").exists()
+
+
+def test_an_occupied_place_is_refused_before_anything_is_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "notes.txt").touch()
+    assert command.main(["absent", "-o", str(tmp_path)]) == 1
+    assert "holds no report" in capsys.readouterr().err
