@@ -84,6 +84,11 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("reward.goal.body_pos=nan", ["reward.goal.body_pos is nan", "finite"]),
         ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),
         ("reward.parameters.dof_pos_limits.margin=5", ["margin is 5.0", "below 1"]),
+        (
+            ["optimizer=differential_evolution", "optimizer.strategy=best"],
+            ["optimizer.strategy is 'best'", "rand1bin, best1bin"],
+        ),
+        (["optimizer=ospo", "optimizer.budget=0"], ["optimizer.budget is 0", "at least 1"]),
         ("optimizer.lower=2.0", ["optimizer.lower is 2.0", "optimizer.upper"]),
         ("scale.name=a/b", ["scale.name is 'a/b'", "letters"]),
         ("device=7", ["device is 7", "cuda"]),
@@ -91,7 +96,7 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
 )
 def test_a_mistake_is_named_with_what_is_allowed(override, words):
     with pytest.raises(ConfigError) as error:
-        load_settings(composed(override))
+        load_settings(composed(*([override] if isinstance(override, str) else override)))
     for word in words:
         assert word in str(error.value)
 
@@ -129,7 +134,7 @@ def test_several_mistakes_are_named_together():
 def test_every_constrained_key_exists_in_some_configuration():
     configs = [
         plain_config(composed(*overrides))
-        for overrides in ([], ["physics=mjx"], ["optimizer=random"])
+        for overrides in (["physics=mjx"], *([f"optimizer={o}"] for o in choices("optimizer")))
     ]
     for key in CONSTRAINTS:
         found = [OmegaConf.select(OmegaConf.create(c), key, default="absent") for c in configs]
