@@ -15,6 +15,9 @@ from tlr_exp.command_line import explain_mistakes
         (["seed=1", "optimizer.pack=3"], ["no key optimizer.pack", "pack_size"]),
         (["-m", "optimizer=fixed,gwo", "scale.num_env=1,2"], ["no key scale.num_env", "num_envs"]),
         (["ppo=null"], ["ppo"]),
+        (["-m", "seed=range(3)", "ppo.gama=1"], ["no key ppo.gama"]),
+        (["+sweep=five_sedes"], ["sweep/five_sedes", "five_seeds", "controls"]),
+        (["+sweep=five_seeds", "seed=0,1", "scale=demos"], ["scale/demos", "laptop"]),
     ],
 )
 def test_a_mistake_leaves_with_an_explanation(arguments, words, capsys):
@@ -28,7 +31,15 @@ def test_a_mistake_leaves_with_an_explanation(arguments, words, capsys):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["optimizer=fixed", "seed=3"], ["-m", "seed=0,1"], ["--help"], ["+new.key=1"]],
+    [
+        [],
+        ["optimizer=fixed", "seed=3"],
+        ["-m", "seed=0,1"],
+        ["-m", "seed=range(3)", "env=glob(*)", "ppo.gamma=choice(0.9,0.99)"],
+        ["+sweep=five_seeds", "seed=0,1"],
+        ["--help"],
+        ["+new.key=1"],
+    ],
 )
 def test_what_is_right_or_hydras_own_passes(arguments):
     explain_mistakes(arguments)

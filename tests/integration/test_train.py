@@ -28,14 +28,6 @@ def test_a_run_leaves_metrics_checkpoints_and_a_manifest(trainer, optimizer):
     assert evaluated == [3, 6]
 
 
-def test_a_failing_job_of_a_sweep_does_not_take_the_others_with_it(trainer):
-    status, output = trainer.run("-m", "scale.num_envs=5,16", "scale.iterations=1")
-    assert status != 0
-    assert "no candidate" in output
-    assert [run.name.count("demo-gwo-seed0") for run in trainer.runs] == [1]
-    assert RunDirectory.open(trainer.runs[0]).status == "finished"
-
-
 def test_a_mistake_leaves_nothing_behind(trainer):
     status, output = trainer.run("ppo.gamma=3")
     assert status == 2

@@ -1,0 +1,71 @@
+"""Whole sweeps in miniature: the real command, its jobs in processes of their own."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
+
+LAST = 60
+SIZE = ("scale.num_envs=32", f"scale.iterations={LAST}", f"scale.evaluate_every={LAST}")
+
+
+class Sweeper:
+    """Runs ``tlr-train -m`` in the folder of a trainer, in a process group of its own."""
+
+    def __init__(self, trainer) -> None:
+        self.trainer = trainer
+        self.folder: Path = trainer.folder
+        self.environment: Mapping[str, str] = {}
+
+    def start(self, *overrides: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "tlr_exp.train", "-m"]
+        return subprocess.Popen(
+            [*command, *self.trainer.arguments, *SIZE, *overrides],
+            cwd=self.folder,
+            env={**os.environ, **self.environment},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+
+    def end(self, process: subprocess.Popen[str]) -> tuple[int, str]:
+        """Exit status and output of a sweep that is left alone from now on."""
+        output, _ = process.communicate(timeout=300)
+        return process.returncode, output
+
+    def run(self, *overrides: str) -> tuple[int, str]:
+        return self.end(self.start(*overrides))
+
+    @property
+    def sweep(self) -> SweepDirectory:
+        (found,) = find_sweeps(self.folder)
+        return found
+
+    @property
+    def runs(self) -> list[RunDirectory]:
+        return [RunDirectory.open(path) for path in self.trainer.runs]
+
+    @property
+    def statuses(self) -> list[str]:
+        """Of the jobs, by number."""
+        return [job.status for job in self.sweep.jobs()]
+
+    def lines(self) -> list[int]:
+        """How many lines of metrics the runs have; the fewest first."""
+        paths = [run.metrics_path for run in self.runs]
+        return sorted(path.read_bytes().count(b"\n") for path in paths if path.exists())
+
+    def wait(self, condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+        """Until the condition holds, while the process lives."""
+        deadline = time.monotonic() + 120
+        while not condition():
+            assert process.poll() is None, process.communicate()[0]
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.02)
