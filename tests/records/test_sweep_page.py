@@ -78,11 +78,11 @@ def test_description_says_what_how_often_and_how_to_repeat_it() -> None:
     jobs = [*JOBS]
     failed = replace(JOBS[2].record, error="ValueError: a | b\nTraceback")
     jobs[2] = replace(JOBS[2], record=failed, mlflow_run_id=None)
-    note = sweep_note(RECORD, jobs, "7", "/runs/tlr/sweeps/five_seeds-0011aabb")
+    note = sweep_note(RECORD, jobs, "7", "/my runs/sweeps/five_seeds-0011aabb")
     assert note.startswith("Five seeds of two arms.\n")
     assert "**4 jobs**: 2 finished, 1 failed, 1 not begun." in note
     assert "\n    tlr-train -m +sweep=five_seeds scale=demo\n" in note
-    assert "\n    tlr-sync /runs/tlr/sweeps/five_seeds-0011aabb\n" in note
+    assert "\n    cd '/my runs/sweeps/five_seeds-0011aabb'\n    tlr-export . -o results" in note
     rows = [line for line in note.splitlines() if line.startswith("| ")]
     assert rows[1] == (
         "| 0 | `optimizer=fixed seed=0 +a=1` | finished | [run0](#/experiments/7/runs/mlflow0) |"

@@ -15,6 +15,7 @@ from typing import Any
 from tlr_exp.records.locks import ELSEWHERE, hold
 from tlr_exp.records.run_directory import FINISHED, MANIFEST, RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import storage_errors
+from tlr_exp.records.sweep_directory import SWEEP
 
 ARTIFACTS = "mlartifacts"  # where a local MLflow store beside the runs keeps its files
 
@@ -68,11 +69,13 @@ def next_run_path(root: str | Path, name: str) -> Path:
 
 
 def find_runs(root: str | Path) -> list[RunDirectory]:
-    """The run directories at or below `root`, by path; does not look inside a run."""
+    """The run directories at or below `root`, by path; does not look inside runs or sweeps."""
     found = []
     for folder, subfolders, files in os.walk(root):
         if MANIFEST in files:
             found.append(RunDirectory(Path(folder).absolute()))
+            subfolders.clear()
+        if SWEEP in files:  # it can hold exported tables, which have a manifest, too
             subfolders.clear()
         # MLflow's copies of manifests are not runs.
         subfolders[:] = [name for name in subfolders if name != ARTIFACTS]

@@ -17,7 +17,7 @@ from tlr_exp.records.mirror import (
 )
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.runs import find_runs
-from tlr_exp.records.sweep_directory import SWEEP, SweepDirectory, find_sweeps
+from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
 
 DEFAULT_EXPERIMENT = "tlr_exp"
 
@@ -91,8 +91,7 @@ def found_below(paths: Sequence[str]) -> dict[RunDirectory | SweepDirectory, Pat
     for path in paths:
         root = Path(path).absolute()
         found_sweeps = find_sweeps(path)
-        # What lies in a sweep directory is not a run, whatever its report may contain.
-        found_runs = [run for run in find_runs(path) if not _lies_in_a_sweep(run)]
+        found_runs = find_runs(path)
         if not found_sweeps and not found_runs:
             RunDirectory.open(path)  # says what is wrong with it
         for sweep in found_sweeps:
@@ -105,10 +104,6 @@ def found_below(paths: Sequence[str]) -> dict[RunDirectory | SweepDirectory, Pat
                 runs.pop(sweep.study_folder / job.run, None)
     found = [*sweeps.values(), *runs.values()]
     return {folder: folder.path.parent if folder.path == root else root for folder, root in found}
-
-
-def _lies_in_a_sweep(run: RunDirectory) -> bool:
-    return any((folder / SWEEP).is_file() for folder in run.path.parents)
 
 
 def _study_of(folder: RunDirectory | SweepDirectory) -> str | None:

@@ -5,6 +5,7 @@ Pure functions on the records of a sweep and of its jobs.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -119,9 +120,11 @@ def _head(record: Mapping[str, Any], jobs: Sequence[JobView], folder: str) -> It
         yield f"- `{key}`: {values}"
     yield "\nRepeat it (finished jobs are passed over, broken ones go on):\n"
     yield f"    {record.get('command', '')}\n"
-    yield f"Directory: `{folder}`. What is put into its `report/` and `figures/` becomes an"
-    yield "artifact here, by:\n"
-    yield f"    tlr-sync {folder}\n"
+    yield f"It lies in `{folder}`. To make its report and bring that here as an artifact:\n"
+    yield f"    cd {shlex.quote(folder)}"
+    yield "    tlr-export . -o results --force"
+    yield "    tlr-report results -o report --force"
+    yield "    tlr-sync .\n"
     yield "The runs are the children of this one in the list; a run that an earlier sweep has"
     yield f"already stays there. All of them: `tags.sweep LIKE '%{record['sweep_id']}%'`."
 
