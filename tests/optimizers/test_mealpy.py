@@ -55,6 +55,11 @@ def test_an_unknown_algorithm_is_answered_with_similar_names() -> None:
         make("qqqq")
 
 
+def test_an_algorithm_that_cannot_be_seeded_is_refused() -> None:
+    with pytest.raises(ValueError, match="OriginalPSS cannot be seeded"):
+        make("OriginalPSS")
+
+
 def test_parameters_that_the_class_would_ignore_are_refused() -> None:
     with pytest.raises(ValueError, match=r"OriginalPSO has no parameter c3; it has: c1, c2, w"):
         make("OriginalPSO", parameters={"c3": 1.0})

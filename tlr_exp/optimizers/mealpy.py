@@ -16,6 +16,8 @@ from tlr_exp.optimizers.base import SearchResult, check_integer
 from tlr_exp.optimizers.pack import BudgetSearch, BudgetSpent, Tally
 
 _NUM_SEEDS = 2**32  # what NumPy's global generator takes
+# Their samplers take a seed from the operating system: no run could be repeated.
+_UNSEEDED = ("OriginalPSS",)
 _OWN_ARGUMENTS = {"self", "epoch", "pop_size", "kwargs"}  # of a class, besides its parameters
 
 
@@ -39,7 +41,8 @@ class MealpySearch(BudgetSearch):
         Others: see `BudgetSearch`.
 
     Raises:
-        ValueError: mealpy is not installed, has no such class, or refuses a setting.
+        ValueError: mealpy is not installed, has no such class or one that cannot be seeded, or
+            refuses a setting.
     """
 
     def __init__(
@@ -110,6 +113,8 @@ def _find(name: str) -> type:
             "pip install 'tlr_exp[mealpy]'"
         ) from error
     known = mealpy.get_all_optimizers(verbose=False)
+    if name in _UNSEEDED:
+        raise ValueError(f"mealpy's {name} cannot be seeded, so that no run with it repeats")
     if name in known:
         return known[name]
     by_lower_case = {candidate.lower(): candidate for candidate in known}
