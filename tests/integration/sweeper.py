@@ -10,8 +10,13 @@ from pathlib import Path
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
 
-LAST = 60
-SIZE = ("scale.num_envs=32", f"scale.iterations={LAST}", f"scale.evaluate_every={LAST}")
+LAST = 40
+SIZE = (
+    "scale.num_envs=32",
+    f"scale.iterations={LAST}",
+    f"scale.evaluate_every={LAST}",
+    "physics.num_threads=1",
+)
 
 
 class Sweeper:

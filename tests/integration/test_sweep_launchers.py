@@ -51,10 +51,17 @@ def test_submitit_on_this_machine(sweeper):
 
 
 @needs_submitit
-def test_slurm_gets_what_the_preset_says_and_its_tasks_train(sweeper, slurm):
+def test_slurm_gets_what_the_preset_says_and_ctrl_c_leaves_its_queue(sweeper, slurm):
+    (slurm / "hold").touch()
     asked = ("hydra.launcher.partition=gpu", "hydra.launcher.gpus_per_node=1")
-    status, output = sweeper.run(*TWO, "hydra/launcher=slurm", "num_threads=1", *asked)
-    assert_both_are_trained(sweeper, status, output)
+    process = sweeper.start(*TWO, "hydra/launcher=slurm", *asked)
+    sweeper.wait((slurm / "submitted.sh").exists, process)
+    time.sleep(2.0)  # until it waits for the jobs
+    os.killpg(process.pid, signal.SIGINT)
+    status, output = sweeper.end(process)
+    assert status == 130, output
+    assert sweeper.statuses == ["waiting", "waiting"]
+    assert (sweeper.sweep.path / "stop").exists()  # which they find when they start
     flags = sbatch_flags(slurm)
     expected = {
         "job-name": "tlr",
@@ -72,17 +79,13 @@ def test_slurm_gets_what_the_preset_says_and_its_tasks_train(sweeper, slurm):
     assert "account" not in flags  # null leaves it to the cluster
 
 
+@pytest.mark.slow
 @needs_submitit
-def test_ctrl_c_leaves_jobs_that_wait_in_the_queue(sweeper, slurm):
-    (slurm / "hold").touch()
-    process = sweeper.start(*TWO, "hydra/launcher=slurm")
-    sweeper.wait((slurm / "submitted.sh").exists, process)
-    time.sleep(2.0)  # until it waits for the jobs
-    os.killpg(process.pid, signal.SIGINT)
-    status, output = sweeper.end(process)
-    assert status == 130, output
-    assert sweeper.statuses == ["waiting", "waiting"]
-    assert (sweeper.sweep.path / "stop").exists()  # which they find when they start
+def test_tasks_of_slurm_train(sweeper, slurm):
+    status, output = sweeper.run(*TWO, "hydra/launcher=slurm", "num_threads=1")
+    assert_both_are_trained(sweeper, status, output)
+    threads = [run.config["num_threads"] for run in sweeper.runs]
+    assert threads == [1, 1]
 
 
 @pytest.mark.slow
