@@ -1,4 +1,4 @@
-"""MLflow stores on sqlite and servers on loopback, for tests that look at what arrived."""
+"""Small runs, MLflow stores on sqlite and servers on loopback, for tests of what arrived."""
 
 import os
 import signal
@@ -12,6 +12,23 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
+
+from tlr_exp.records.run_directory import RunDirectory
+
+
+def small_run(
+    path: Path, lines: int = 0, config: dict[str, Any] | None = None, **tags: str
+) -> RunDirectory:
+    """A run with `lines` iterations, from 0 on."""
+    run = RunDirectory.create(path, config or {"seed": 0}, tags, "0011aabb")
+    log_lines(run, range(lines))
+    return run
+
+
+def log_lines(run: RunDirectory, iterations: range) -> None:
+    for iteration in iterations:
+        run.log(iteration, {"train/loss": iteration / 3, "weight/torque[0]": 0.5})
 
 
 def sql(database: Path, query: str) -> list[tuple]:
