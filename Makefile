@@ -31,7 +31,7 @@ reproduce-paper: $(INSTALLED) ## The paper's study, its analysis and report; SCA
 	$(BIN)/tlr-train -m +sweep=five_seeds scale=$(SCALE) study=$(notdir $(STUDY)) $(SCALE_ARGS) $(ARGS)
 	@sweep=$$(ls -td $(STUDY)/sweeps/five_seeds-* | head -n 1) && set -x && \
 	$(BIN)/tlr-export $$sweep -o $$sweep/results --force && \
-	$(BIN)/tlr-report $$sweep/results -o $$sweep/report --force --repeat 'make reproduce-paper SCALE=$(SCALE)' && \
+	$(BIN)/tlr-report $$sweep/results -o $$sweep/report --force --repeat "make reproduce-paper SCALE=$(SCALE)$(if $(ARGS), ARGS='$(ARGS)')" && \
 	$(BIN)/tlr-sync $$sweep && \
 	$(BIN)/python -m webbrowser file://$(CURDIR)/$$sweep/report/report.html
 
