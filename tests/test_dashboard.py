@@ -71,9 +71,12 @@ def test_pages_are_those_of_studies_with_runs(tmp_path: Path, database: Path) ->
     uri = f"sqlite:///{database}"
     assert pages(uri, 5000) == ["  http://127.0.0.1:5000"]
     sync_run(RunDirectory.create(tmp_path / "a", {}, {}), uri, "my study")
+    runs = "http://127.0.0.1:5000/#/experiments/1/runs"
     assert pages(uri, 5000) == [
-        "  my study: http://127.0.0.1:5000/#/experiments/1/runs"
-        "?viewStateShareKey=final-numbers&workflowType=machine_learning"
+        "  my study",
+        f"    runs    {runs}?viewStateShareKey=final-numbers&workflowType=machine_learning",
+        f"    curves  {runs}?workflowType=machine_learning&compareRunsMode=CHART"
+        "&searchFilter=tags.kind%20%3D%20%27run%27",
     ]
     database.write_bytes(b"not a database")
     assert pages(uri, 5000) == ["  http://127.0.0.1:5000"]

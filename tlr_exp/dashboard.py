@@ -107,8 +107,8 @@ def free_port(wanted: int | None) -> int:
 
 
 def pages(uri: str, port: int) -> list[str]:
-    """Lines with the addresses of the studies, each with its list of final numbers."""
-    from tlr_exp.records.mlflow_view import VIEW_QUERY
+    """Lines with the addresses of the studies: the list of final numbers, and the curves."""
+    from tlr_exp.records.mlflow_view import CHARTS_QUERY, VIEW_QUERY
 
     address = f"http://{HOST}:{port}"
     database = sqlite_path(uri)
@@ -123,9 +123,15 @@ def pages(uri: str, port: int) -> list[str]:
             studies = connection.execute(query).fetchall()
     except sqlite3.Error:  # MLflow will say what is wrong with it
         studies = []
-    return [
-        f"  {name}: {address}/#/experiments/{number}/runs{VIEW_QUERY}" for name, number in studies
-    ] or [f"  {address}"]
+    lines = []
+    for name, number in studies:
+        runs = f"{address}/#/experiments/{number}/runs"
+        lines += [
+            f"  {name}",
+            f"    runs    {runs}{VIEW_QUERY}",
+            f"    curves  {runs}{CHARTS_QUERY}",
+        ]
+    return lines or [f"  {address}"]
 
 
 def server_command(port: int) -> list[str]:

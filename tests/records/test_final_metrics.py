@@ -59,3 +59,13 @@ def test_iterations_without_a_value_count_neither_way() -> None:
     assert final_metrics(rows) == {"final/episode_length": 9.0}
     assert final_metrics(lines(10, train__episode_length=math.nan)) == {}
     assert final_metrics([]) == {}
+
+
+def test_numbers_are_rounded_to_nine_digits() -> None:
+    rows = lines(5, train__episode_length=54.73999999999999, train__joint_error_rad=0.1 + 0.2)
+    rows[-1]["eval/survival"] = 1 / 3e5
+    assert final_metrics(rows) == {
+        "final/episode_length": 54.74,
+        "final/joint_error_rad": 0.3,
+        "final/eval_survival": 3.33333333e-6,
+    }

@@ -74,6 +74,10 @@ def test_tags() -> None:
     }
 
 
+def test_single_job_is_told_by_all_of_its_overrides() -> None:
+    assert "| 0 | `optimizer=fixed seed=0 +a=1` |" in sweep_note(RECORD, JOBS[:1], "7", "/s")
+
+
 def test_description_says_what_how_often_and_how_to_repeat_it() -> None:
     jobs = [*JOBS]
     failed = replace(JOBS[2].record, error="ValueError: a | b\nTraceback")
@@ -81,13 +85,13 @@ def test_description_says_what_how_often_and_how_to_repeat_it() -> None:
     note = sweep_note(RECORD, jobs, "7", "/my runs/sweeps/five_seeds-0011aabb")
     assert note.startswith("Five seeds of two arms.\n")
     assert "**4 jobs**: 2 finished, 1 failed, 1 not begun." in note
-    assert "\n    tlr-train -m +sweep=five_seeds scale=demo\n" in note
+    assert "\n`tlr-train -m +sweep=five_seeds scale=demo`\n" in note
     assert "\n    cd '/my runs/sweeps/five_seeds-0011aabb'\n    tlr-export . -o results" in note
     rows = [line for line in note.splitlines() if line.startswith("| ")]
     assert rows[1] == (
-        "| 0 | `optimizer=fixed seed=0 +a=1` | finished | [run0](#/experiments/7/runs/mlflow0) |"
+        "| 0 | `optimizer=fixed seed=0` | finished | [run0](#/experiments/7/runs/mlflow0) |"
     )
-    assert rows[3] == ("| 2 | `optimizer=gwo seed=1 ~b` | failed: ValueError: a / b | run2 |")
+    assert rows[3] == ("| 2 | `optimizer=gwo seed=1` | failed: ValueError: a / b | run2 |")
 
 
 @pytest.mark.parametrize("count", [0, 1, 300])

@@ -26,7 +26,8 @@ def final_metrics(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
     final/NAME: the mean of train/NAME over the iterations past 80 % of the last one, in the unit
     of NAME (iterations without a value count neither way). final/eval_NAME: eval/NAME of the last
-    iteration that has it. What was never measured is left out.
+    iteration that has it. What was never measured is left out. Rounded to 9 significant digits, so
+    that a list of them can be read.
     """
     if not rows:
         return {}
@@ -41,7 +42,7 @@ def final_metrics(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
         for name in row:
             if name.startswith(EVAL_PREFIX) and (values := list(_finite([row], name))):
                 final[f"{FINAL_PREFIX}eval_{name.removeprefix(EVAL_PREFIX)}"] = values[0]
-    return final
+    return {name: float(f"{value:.9g}") for name, value in final.items()}
 
 
 def _finite(rows: Sequence[Mapping[str, Any]], name: str) -> Iterator[float]:

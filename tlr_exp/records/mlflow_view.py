@@ -9,13 +9,18 @@ from __future__ import annotations
 import base64
 import json
 import zlib
+from urllib.parse import quote
 
 from tlr_exp.keys import FINAL_PREFIX
+from tlr_exp.records.mlflow_names import KIND_RUN, KIND_TAG
 from tlr_exp.records.sweep_page import JOBS_PREFIX, NOTE_TAG
 
 VIEW_KEY = "final-numbers"
-# What follows .../#/experiments/ID/runs to open the view at once.
+# What follows .../#/experiments/ID/runs to open the view, or the charts of all runs, at once.
 VIEW_QUERY = f"?viewStateShareKey={VIEW_KEY}&workflowType=machine_learning"
+CHARTS_QUERY = "?workflowType=machine_learning&compareRunsMode=CHART&searchFilter=" + quote(
+    f"tags.{KIND_TAG} = '{KIND_RUN}'", safe=""
+)
 
 _NOTE = (
     "Runs and sweeps of a study of tlr_exp. For a list that can be read, choose **Model training** "
@@ -35,7 +40,7 @@ _METRICS = (
 _COLUMNS = {  # and their widths in pixels
     "attributes.`Duration`": 80,
     **{f"tags.`{name}`": 85 for name in _TAGS},
-    **{f"metrics.`{name}`": 100 + 5 * max(0, len(name) - 14) for name in _METRICS},
+    **{f"metrics.`{name}`": 10 + 7 * len(name) for name in _METRICS},
 }
 
 

@@ -78,10 +78,14 @@ def swept_values(jobs: Sequence[JobView]) -> dict[str, str]:
     values: dict[str, dict[str, None]] = {}
     for job in jobs:
         for override in job.record.overrides:
-            key, equals, value = override.lstrip("+").partition("=")
+            key, equals, value = _parts(override)
             if equals:
                 values.setdefault(key, {})[value] = None
     return {key: ", ".join(found) for key, found in values.items() if len(found) > 1}
+
+
+def _parts(override: str) -> tuple[str, str, str]:
+    return override.lstrip("+").partition("=")
 
 
 def progress(record: Mapping[str, Any], jobs: Sequence[JobView]) -> dict[str, float]:
@@ -98,11 +102,12 @@ def sweep_note(
 ) -> str:
     """The description in Markdown, at most 5000 characters: rows of the table are left out."""
     head = "\n".join(_head(record, jobs, folder))
-    rows = [_row(job, experiment_id) for job in jobs]
+    swept = swept_values(jobs)
+    rows = [_row(job, swept, experiment_id) for job in jobs]
     shown = len(rows)
     while True:
         left_out = [f"\n… and {len(rows) - shown} more."] if shown < len(rows) else []
-        table = ["", "| Job | Overrides | Status | Run |", "|---|---|---|---|", *rows[:shown]]
+        table = ["", "| Job | What differs | Status | Run |", "|---|---|---|---|", *rows[:shown]]
         note = "\n".join([head, *(table if rows else []), *left_out])
         if len(note) <= _MAX_NOTE or shown == 0:
             return note[:_MAX_NOTE]
@@ -119,7 +124,7 @@ def _head(record: Mapping[str, Any], jobs: Sequence[JobView], folder: str) -> It
     for key, values in swept_values(jobs).items():
         yield f"- `{key}`: {values}"
     yield "\nRepeat it (finished jobs are passed over, broken ones go on):\n"
-    yield f"    {record.get('command', '')}\n"
+    yield f"`{record.get('command', '')}`\n"
     yield f"It lies in `{folder}`. To make its report and bring that here as an artifact:\n"
     yield f"    cd {shlex.quote(folder)}"
     yield "    tlr-export . -o results --force"
@@ -129,14 +134,16 @@ def _head(record: Mapping[str, Any], jobs: Sequence[JobView], folder: str) -> It
     yield f"already stays there. All of them: `tags.sweep LIKE '%{record['sweep_id']}%'`."
 
 
-def _row(job: JobView, experiment_id: str) -> str:
+def _row(job: JobView, swept: Mapping[str, str], experiment_id: str) -> str:
+    overrides = job.record.overrides
+    differing = [text for text in overrides if _parts(text)[0] in swept] or overrides
     name = job.record.run or "-"
     if job.mlflow_run_id:
         name = f"[{name}](#/experiments/{experiment_id}/runs/{job.mlflow_run_id})"
     status = job.status
     if job.record.error:
         status += f": {_cell(job.record.error)}"
-    return f"| {job.record.num} | `{' '.join(job.record.overrides)}` | {status} | {name} |"
+    return f"| {job.record.num} | `{' '.join(differing)}` | {status} | {name} |"
 
 
 def _cell(text: str) -> str:
