@@ -39,8 +39,9 @@ def no_graphics(monkeypatch):
 
 
 def evaluated(folder: Path, *arguments: object) -> dict:
-    """Run tlr-evaluate without a video and read the one JSON file that it writes."""
-    assert evaluate.main([*(str(a) for a in arguments), "--no-video", "-o", str(folder)]) == 0
+    """Run tlr-evaluate without pictures and read the one JSON file that it writes."""
+    bare = ["--no-video", "--no-pictures", "-o", str(folder)]
+    assert evaluate.main([*(str(a) for a in arguments), *bare]) == 0
     (path,) = folder.glob("*.json")
     return json.loads(path.read_text())
 
@@ -69,33 +70,41 @@ def test_the_same_checkpoint_gives_the_same_numbers(run, tmp_path):
 
 
 def test_results_go_into_the_run_by_default(run):
-    assert evaluate.main([str(run), "--no-video"]) == 0
+    assert evaluate.main([str(run), "--no-video", "--no-pictures"]) == 0
     assert [path.name for path in (run / "eval").iterdir()] == ["000006-native.json"]
 
 
-def test_the_video_lies_beside_the_table(run, tmp_path):
+def test_pictures_and_video_lie_beside_the_table(run, tmp_path):
     try:
         graphics.graphics_backend()
     except graphics.GraphicsUnavailable as error:
         pytest.skip(str(error))
-    assert evaluate.main([str(run), "-o", str(tmp_path)]) == 0
+    small = ["--size", "64x48", "--quality", "fast", "--columns", "2"]
+    assert evaluate.main([str(run), "-o", str(tmp_path), *small]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {
         "000006-native.json",
+        *(f"000006-native_{kind}.png" for kind in ("joints", "bodies", "keyframes")),
         "000006-native.mp4",
     }
 
 
+CURVES = [".json", "_bodies.png", "_joints.png"]
+
+
 @pytest.mark.usefixtures("no_graphics")
-def test_without_graphics_all_but_the_video_is_there(run, tmp_path, capsys):
+def test_without_graphics_there_are_numbers_and_curves(run, tmp_path, capsys):
     assert evaluate.main([str(run), "-o", str(tmp_path)]) == 0
-    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
-    assert "no pictures" in capsys.readouterr().err
+    names = sorted(path.name.removeprefix("000006-native") for path in tmp_path.iterdir())
+    assert names == CURVES
+    assert capsys.readouterr().err.startswith("no pictures: MUJOCO_GL")
 
 
 @pytest.mark.usefixtures("no_graphics")
-def test_a_video_that_was_asked_for_and_cannot_be_drawn_is_an_error(run, tmp_path, capsys):
-    assert evaluate.main([str(run), "--video", "-o", str(tmp_path)]) == 2
-    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
+@pytest.mark.parametrize("asked", ["--video", "--pictures"])
+def test_what_was_asked_for_and_cannot_be_drawn_is_an_error(run, tmp_path, capsys, asked):
+    assert evaluate.main([str(run), asked, "-o", str(tmp_path)]) == 2
+    names = sorted(path.name.removeprefix("000006-native") for path in tmp_path.iterdir())
+    assert names == CURVES
     assert "no pictures" in capsys.readouterr().err
 
 
@@ -141,6 +150,10 @@ def test_the_policy_is_that_of_the_checkpoint(run):
         (["--checkpoint", "4"], ["4", "3, 6, 9, last, best"]),
         (["--checkpoint", "newest"], ["newest", "best"]),
         (["--physics", "bullet"], ["bullet", "allowed are", "native"]),
+        (["--iterations", "3"], ["--iterations needs --strip"]),
+        (["other-run"], ["2 runs are compared with --strip"]),
+        (["--columns", "0"], ["--columns is 0"]),
+        (["--web", "65536"], ["--web is 65536"]),
     ],
 )
 def test_mistakes_are_told_in_one_line_with_what_there_is(run, capsys, arguments, words):

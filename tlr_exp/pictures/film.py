@@ -6,6 +6,8 @@ import numpy as np
 
 from tlr_exp import g1
 from tlr_exp.evaluation import Trajectory, body_distance
+from tlr_exp.pictures.clip_pictures import FOLLOW_HEIGHT_S, FOLLOW_S
+from tlr_exp.pictures.framing import camera_for
 from tlr_exp.pictures.media import write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, render_frames
 from tlr_exp.robot import Robot
@@ -37,10 +39,11 @@ def film_evaluation(
     """
     stride = max(1, round(1.0 / (trajectory.control_dt_s * FRAME_RATE_HZ)))
     shown = np.arange(0, trajectory.num_steps, stride)
-    camera = camera or Camera()
     qpos, reference = trajectory.qpos[shown], trajectory.reference_qpos[shown]
-    # Between the two: so both stay in the picture when the robot falls.
-    middle = (qpos[:, :3] + reference[:, :3]) / 2
+    lookat = camera_path(trajectory)[shown]
+    if camera is None:
+        bodies = [trajectory.body_pos_w[shown], trajectory.reference_body_pos_w[shown]]
+        camera = camera_for(bodies, lookat, qpos[0], width / height)
     frames = render_frames(
         robot,
         qpos,
@@ -48,11 +51,24 @@ def film_evaluation(
         width=width,
         height=height,
         camera=camera,
-        lookat=follow_pelvis(middle, camera.smoothing_frames),
+        lookat=lookat,
         captions=captions(trajectory, shown),
         quality=quality,
     )
     return write_video(path, frames, 1.0 / (stride * trajectory.control_dt_s))
+
+
+def camera_path(trajectory: Trajectory) -> np.ndarray:
+    """The points [T, 3] in m at which the camera looks: between the robot and its reference.
+
+    At the reference's height, so that a robot that falls does not draw the camera down with it and
+    the reference out of the picture.
+    """
+    middle = (trajectory.qpos[:, :3] + trajectory.reference_qpos[:, :3]) / 2
+    path = follow_pelvis(middle, FOLLOW_S / trajectory.control_dt_s)
+    height = follow_pelvis(trajectory.reference_qpos, FOLLOW_HEIGHT_S / trajectory.control_dt_s)
+    path[:, 2] = height[:, 2]
+    return path
 
 
 def captions(trajectory: Trajectory, shown: np.ndarray) -> list[str]:

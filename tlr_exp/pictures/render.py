@@ -79,7 +79,7 @@ def render_frames(
         robot.model,
         width,
         height,
-        azimuth_deg=_heading_deg(qpos[0]) + camera.azimuth_deg,
+        azimuth_deg=heading_deg(qpos[0]) + camera.azimuth_deg,
         elevation_deg=camera.elevation_deg,
         distance_m=camera.distance_m,
         quality=QUALITIES[quality],
@@ -206,7 +206,8 @@ def _margin(font: Any, labels: Sequence[str] | None) -> int:
     return 0 if labels is None else int(1.15 * max(font.getlength(label) for label in labels)) + 8
 
 
-def _heading_deg(qpos: np.ndarray) -> float:
+def heading_deg(qpos: np.ndarray) -> float:
+    """Where a robot faces: the yaw of its root [30], degrees."""
     w, x, y, z = qpos[3:7]
     return float(np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))))
 

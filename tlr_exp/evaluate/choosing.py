@@ -1,8 +1,7 @@
-"""tlr-evaluate: how well a trained policy tracks its motion; a table, JSON and a video."""
+"""Which policy is meant: the run, its configuration, one of its checkpoints."""
 
-import argparse
-import json
-import sys
+from __future__ import annotations
+
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -19,88 +18,10 @@ class Choice:
     """What is evaluated: the run, its configuration as loaded, and one of its checkpoints."""
 
     run: Path
-    settings: "Settings"
+    settings: Settings
     checkpoint: Path
     iteration: int
     physics: str
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; returns the exit status: 0, or 2 for an error told in one line."""
-    options = _parser().parse_args(arguments)
-    # What takes seconds to import is imported where it is needed: mistakes show before that.
-    from tlr_exp.pictures.graphics import GraphicsUnavailable
-
-    try:
-        _evaluate(options)
-    except (ValueError, OSError, GraphicsUnavailable) as error:
-        print(f"tlr-evaluate: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="tlr-evaluate",
-        description="Run a trained policy once through its motion: without exploration noise, "
-        "from phase 0, without termination. Writes a table, JSON and a video.",
-    )
-    parser.add_argument("run", type=Path, help="run directory, or one of its checkpoint files")
-    parser.add_argument(
-        "--checkpoint",
-        metavar="best|last|ITERATION",
-        help="which checkpoint of a run directory (default: best, where there is one)",
-    )
-    parser.add_argument("--physics", help="engine (default: the one trained on)")
-    parser.add_argument(
-        "--video",
-        action=argparse.BooleanOptionalAction,
-        help="draw the video (default: where this machine can draw)",
-    )
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="default: RUN/eval")
-    return parser
-
-
-def _evaluate(options: argparse.Namespace) -> None:
-    choice = choose(options.run, options.checkpoint, options.physics)
-
-    from rich.console import Console
-
-    from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
-    from tlr_exp.evaluation import evaluate_policy, result_table
-    from tlr_exp.records.storage import atomic_write
-
-    settings = choice.settings
-    robot = build_robot_of(settings.env)
-    env = build_evaluation_env(settings, robot, build_clip(settings.env, robot))
-    folder = options.output or choice.run / "eval"
-    folder.mkdir(parents=True, exist_ok=True)
-    trajectory, result = evaluate_policy(env, load_policy(choice), env.term_names)
-    name = f"{choice.iteration:06d}-{choice.physics}"
-    record = {**_origin(choice), **result.to_dict()}
-    title = f"{choice.run.name}, iteration {choice.iteration}, {choice.physics} physics"
-    Console().print(result_table(result, title))
-    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-    atomic_write(folder / f"{name}.json", f"{text}\n".encode())
-    print(f"wrote {folder / name}.json")
-    if options.video is not False:
-        _film(folder / f"{name}.mp4", settings, trajectory, required=bool(options.video))
-
-
-def _film(path: Path, settings: "Settings", trajectory: Any, required: bool) -> None:
-    from tlr_exp.assembly import build_robot_of
-    from tlr_exp.pictures.film import film_evaluation
-    from tlr_exp.pictures.graphics import GraphicsUnavailable
-
-    print("drawing the video ...", flush=True)
-    try:
-        film_evaluation(path, build_robot_of(settings.env, visuals=True), trajectory)
-    except GraphicsUnavailable as error:
-        if required:
-            raise
-        print(f"no video: {error}", file=sys.stderr)
-    else:
-        print(f"wrote {path}")
 
 
 def choose(path: Path, checkpoint: str | None = None, physics: str | None = None) -> Choice:
@@ -203,19 +124,3 @@ def _present_device(config: dict[str, Any]) -> str:
     import torch
 
     return config["device"] if torch.cuda.is_available() else "cpu"
-
-
-def _origin(choice: Choice) -> dict[str, Any]:
-    """What the result is of, for the JSON file."""
-    return {
-        "run": str(choice.run),
-        "checkpoint": choice.checkpoint.name,
-        "iteration": choice.iteration,
-        "physics": choice.physics,
-        "motion": choice.settings.env.motion,
-        "seed": choice.settings.seed,
-    }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

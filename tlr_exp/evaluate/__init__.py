@@ -1,0 +1,158 @@
+"""tlr-evaluate: how well trained policies track their motion; tables, pictures, viewers."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from tlr_exp.evaluate.choosing import Choice, choose, load_policy
+
+__all__ = ["Choice", "choose", "load_policy", "main"]
+
+WEB_PORT = 8080
+MAX_SIDE = 4096
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; returns the exit status: 0, or 2 for an error told in one line."""
+    options = _parser().parse_args(arguments)
+    # What takes seconds to import is imported where it is needed: mistakes show before that.
+    from tlr_exp.pictures.graphics import GraphicsUnavailable
+    from tlr_exp.viewing import ViewerUnavailable
+
+    try:
+        _check(options)
+        _run(options)
+    except (ValueError, OSError, GraphicsUnavailable, ViewerUnavailable) as error:
+        print(f"tlr-evaluate: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.strip:
+        from tlr_exp.evaluate.comparing import compare
+
+        compare(options)
+    elif options.view or options.web is not None:
+        from tlr_exp.evaluate.watching import watch
+
+        watch(options)
+    else:
+        from tlr_exp.evaluate.measuring import measure
+
+        measure(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tlr-evaluate",
+        description="Run a trained policy once through its motion: without exploration noise, "
+        "from phase 0, without termination. Writes a table, JSON, pictures and a video; or draws "
+        "the policies of several runs in one strip; or shows the policy in a viewer.",
+    )
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="run directory, or a checkpoint file"
+    )
+    parser.add_argument("--physics", help="engine (default: the one trained on)")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--strip",
+        action="store_true",
+        help="draw the runs below their reference, one PNG a checkpoint (Figures 9-12)",
+    )
+    what.add_argument("--view", action="store_true", help="open MuJoCo's viewer (needs a display)")
+    what.add_argument(
+        "--web",
+        type=int,
+        metavar="PORT",
+        nargs="?",
+        const=WEB_PORT,
+        help=f"serve a 3D view to a browser on this machine (default port: {WEB_PORT})",
+    )
+    _add_checkpoints(parser)
+    _add_pictures(parser)
+    return parser
+
+
+def _add_checkpoints(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--checkpoint",
+        metavar="best|last|ITERATION",
+        help="which checkpoint (default: best, where there is one)",
+    )
+    which.add_argument(
+        "--iterations", type=_numbers(int), metavar="N,N,…", help="with --strip: these iterations"
+    )
+    which.add_argument(
+        "--shares",
+        type=_numbers(float),
+        metavar="%,%,…",
+        help="with --strip: at these shares of each training (default: 4,20,40,88, as the paper)",
+    )
+
+
+def _add_pictures(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--video",
+        action=argparse.BooleanOptionalAction,
+        help="draw the video (default: where this machine can draw)",
+    )
+    parser.add_argument(
+        "--pictures",
+        action=argparse.BooleanOptionalAction,
+        help="draw keyframes and curves of the errors (default: where this machine can draw)",
+    )
+    parser.add_argument("--columns", type=int, default=8, help="moments of a strip (default: 8)")
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="pixels of a video, or of a picture in a strip"
+    )
+    parser.add_argument(
+        "--quality", choices=["fast", "full"], help="default: full for strips, fast for videos"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="PATH",
+        help="folder (default: RUN/eval); with --strip the PNG (default: strip.png)",
+    )
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what does not go together, before anything slow is loaded."""
+    if len(options.runs) > 1 and not options.strip:
+        raise ValueError(f"{len(options.runs)} runs are compared with --strip; else give one")
+    for name in ("iterations", "shares"):
+        if getattr(options, name) is not None and not options.strip:
+            raise ValueError(f"--{name} needs --strip")
+    if options.columns < 1:
+        raise ValueError(f"--columns is {options.columns}; it must be at least 1")
+    if options.web is not None and not 0 <= options.web < 65536:
+        raise ValueError(f"--web is {options.web}; a port is 0 (any free one) to 65535")
+
+
+def _numbers(kind: type):
+    def read(text: str) -> list:
+        try:
+            numbers = [kind(part) for part in text.split(",")]
+        except ValueError:
+            numbers = []
+        if not numbers or min(numbers) <= 0:
+            raise argparse.ArgumentTypeError(f"{text!r} is no list of positive numbers like 4,20")
+        return numbers
+
+    return read
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size; expected one like 640x480")
+    width, height = int(match[1]), int(match[2])
+    if width % 2 or height % 2 or not 16 <= min(width, height) <= max(width, height) <= MAX_SIDE:
+        raise argparse.ArgumentTypeError(f"both sides must be even, from 16 to {MAX_SIDE}")
+    return width, height

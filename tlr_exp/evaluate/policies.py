@@ -1,0 +1,66 @@
+"""A policy rolled out, and how it is called in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
+from tlr_exp.evaluate.choosing import Choice, load_policy
+from tlr_exp.evaluation import EvaluationResult, Trajectory, evaluate_policy
+from tlr_exp.pictures.policy_strips import StripRow
+from tlr_exp.records.run_directory import RunDirectory
+
+_METHODS = {"fixed": "static", "gwo": "two-layered (GWO)", "random": "random weights"}
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A policy's roll-out and what was measured on it."""
+
+    choice: Choice
+    trajectory: Trajectory
+    result: EvaluationResult
+
+    @property
+    def title(self) -> str:
+        choice = self.choice
+        return f"{choice.run.name}, iteration {choice.iteration}, {choice.physics} physics"
+
+
+def evaluate(choice: Choice) -> Evaluation:
+    """Roll a policy out and measure it.
+
+    Raises:
+        ValueError: as ``load_policy``; the motion cannot be read.
+    """
+    robot = build_robot_of(choice.settings.env)
+    env = build_evaluation_env(choice.settings, robot, build_clip(choice.settings.env, robot))
+    return Evaluation(choice, *evaluate_policy(env, load_policy(choice), env.term_names))
+
+
+def method_of(run: Path) -> str:
+    """What a run's method is called in pictures: static, two-layered (GWO), ..."""
+    method = RunDirectory.open(run).manifest["tags"].get("method") or run.name
+    return _METHODS.get(method, method)
+
+
+def row_of(evaluation: Evaluation, among: Sequence[Choice]) -> StripRow:
+    """A policy's row. Its label tells what it needs to among the others: seed, run, iteration."""
+    choice = evaluation.choice
+    label = method_of(choice.run)
+    rivals = [c for c in among if c is not choice and method_of(c.run) == label]
+    if rivals:
+        label += f"\nseed {choice.settings.seed}"
+        if any(c.settings.seed == choice.settings.seed for c in rivals):
+            label += f"\n{choice.run.name}"
+    if len({c.iteration for c in among}) > 1:
+        label += f"\niteration {choice.iteration}"
+    limit = choice.settings.env.termination.max_tilt
+    return StripRow(label, evaluation.trajectory, evaluation.result, limit)
+
+
+def picture_size(size: tuple[int, int] | None) -> dict[str, int]:
+    """Width and height as the drawing functions take them; nothing where their own are meant."""
+    return {} if size is None else {"width": size[0], "height": size[1]}

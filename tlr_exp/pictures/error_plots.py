@@ -1,0 +1,114 @@
+"""Curves of what a policy gets wrong: joint by joint, body by body."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from tlr_exp import g1
+from tlr_exp.evaluation import EvaluationResult, Trajectory, body_distance
+
+# Okabe and Ito's colours, which colour-blind readers tell apart.
+_REFERENCE, _ROBOT, _UPPER, _LOWER, _END = "#333333", "#0072B2", "#D55E00", "#0072B2", "#CC3311"
+_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+_WAIST = ("waist_yaw", "waist_roll", "waist_pitch")
+_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
+# Rows of the figure of joints: the two legs, and arms and waist beside one another.
+_GRID = (
+    tuple(f"left_{name}" for name in _LEG),
+    tuple(f"right_{name}" for name in _LEG),
+    (*(f"left_{name}" for name in _ARM), *_WAIST[:2]),
+    (*(f"right_{name}" for name in _ARM), _WAIST[2]),
+)
+
+
+def joint_error_figure(trajectory: Trajectory, title: str) -> Figure:
+    """The 23 joints over the time in s: robot and reference in rad, and the mean of |error|."""
+    figure = Figure(figsize=(17, 9.5), layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots(4, 6, sharex=True)
+    time = _time(trajectory)
+    for axis, name in zip(axes.flat, [name for row in _GRID for name in row], strict=False):
+        joint = 7 + g1.JOINT_NAMES.index(f"{name}_joint")
+        robot, reference = trajectory.qpos[:, joint], trajectory.reference_qpos[:, joint]
+        axis.plot(time, reference, color=_REFERENCE, linewidth=1.0, label="reference")
+        axis.plot(time, robot, color=_ROBOT, linewidth=1.2, label="robot")
+        axis.fill_between(time, reference, robot, color=_ROBOT, alpha=0.15, linewidth=0)
+        error = np.abs(robot - reference).mean()
+        axis.set_title(f"{name.replace('_', ' ')}: {error:.3f} rad", fontsize=10)
+        axis.tick_params(labelsize=8)
+        axis.grid(alpha=0.3)
+    for row in axes:
+        row[0].set_ylabel("rad")
+    for axis in (*axes[3, :5], axes[2, 5]):
+        axis.set_xlabel("s")
+    axes[2, 5].tick_params(labelbottom=True)
+    last = axes[3, 5]
+    last.axis("off")
+    last.legend(
+        *axes[0, 0].get_legend_handles_labels(),
+        title="in titles: mean |error|",
+        loc="center left",
+        frameon=False,
+    )
+    return figure
+
+
+def body_error_figure(trajectory: Trajectory, result: EvaluationResult, title: str) -> Figure:
+    """Distance of the bodies from their reference in m: means, each over time, each on average."""
+    distance = body_distance(trajectory.body_pos_w, trajectory.reference_body_pos_w)
+    figure = Figure(figsize=(13, 10), layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots(2, 2, gridspec_kw={"height_ratios": [2, 5], "width_ratios": [4, 1]})
+    time = _time(trajectory)
+    mean, image, bars = axes[0, 0], axes[1, 0], axes[1, 1]
+    axes[0, 1].axis("off")
+    groups = (("upper body", g1.UPPER_BODY, _UPPER), ("lower body", g1.LOWER_BODY, _LOWER))
+    for label, bodies, color in groups:
+        mean.plot(time, distance[:, bodies].mean(axis=1), color=color, label=label)
+    _mark_end(mean, result.upright, "fell", trajectory, "-")
+    _mark_end(mean, result.survival, "training would have stopped", trajectory, ":")
+    mean.set_ylabel("mean distance, m")
+    mean.set_ylim(bottom=0)
+    mean.grid(alpha=0.3)
+    mean.set_xlim(0, time[-1])
+    handles, labels = mean.get_legend_handles_labels()
+    axes[0, 1].legend(handles, labels, loc="center left", frameon=False)
+    # Upper body above, lower body below; in each the worst first.
+    order = [
+        body
+        for _, bodies, _ in groups
+        for body in sorted(bodies, key=lambda index: -distance[:, index].mean())
+    ]
+    # A row begins where its step does and ends with the instant that it describes.
+    extent = (0.0, time[-1], len(order) - 0.5, -0.5)
+    colors = image.imshow(
+        distance[:, order].T,
+        **{"aspect": "auto", "cmap": "viridis", "extent": extent, "vmin": 0.0},
+        interpolation="nearest",
+    )
+    names = [g1.TRACKED_BODIES[body].removesuffix("_link") for body in order]
+    image.set_yticks(range(len(order)), names, fontsize=8)
+    image.set_xlabel("s")
+    figure.colorbar(colors, ax=image, label="distance, m", location="left", pad=0.01)
+    shades = [_UPPER if body in g1.UPPER_BODY else _LOWER for body in order]
+    bars.barh(range(len(order)), distance[:, order].mean(axis=0), color=shades)
+    bars.set_ylim(len(order) - 0.5, -0.5)
+    bars.set_yticks([])
+    bars.set_xlabel("mean distance, m")
+    bars.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def _mark_end(axis: Axes, share: float, label: str, trajectory: Trajectory, style: str) -> None:
+    """A line where something happened, if it did."""
+    if share < 1.0:
+        # The share is of the steps before: the step itself ends one later.
+        step = round(share * trajectory.num_steps) + 1
+        time = step * trajectory.control_dt_s
+        axis.axvline(time, color=_END, linestyle=style, label=f"{label} ({time:.2f} s)")
+
+
+def _time(trajectory: Trajectory) -> np.ndarray:
+    return (np.arange(trajectory.num_steps) + 1) * trajectory.control_dt_s
