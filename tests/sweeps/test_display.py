@@ -32,10 +32,14 @@ def test_line_says_all_in_one():
     pace = Pace(1)
     pace.note(states(1), 0.0)
     line = progress_line(states(1), pace)
-    assert line == ("1 of 4 jobs done  1 running  1 failed  1 waiting  iteration 13 of 40  ETA …")
+    assert line == "ETA …  1/4 jobs done  1 running  1 failed  1 waiting  iteration 13/40"
     pace.note(states(3), 20.0)
     # 10 s an iteration; 7 of the running job and 10 of the waiting one are left.
-    assert progress_line(states(3), pace, "note").endswith("iteration 15 of 40  ETA 2:50  note")
+    line = progress_line(states(3), pace, "note")
+    assert line.startswith("ETA 2:50  1/4 jobs done")
+    assert line.endswith("iteration 15/40  note")
+    ended = [state for state in states() if state.status in ("finished", "failed")]
+    assert progress_line(ended, pace) == "1/2 jobs done  1 failed  iteration 12/20"
 
 
 def test_plain_lines_come_at_changes_and_otherwise_seldom(capsys, monkeypatch):
@@ -46,7 +50,7 @@ def test_plain_lines_come_at_changes_and_otherwise_seldom(capsys, monkeypatch):
         shown.show(states(done), "")
     shown.show(states(6), "stopping")
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split("iteration ")[1].split(" ")[0] for line in lines] == ["12", "15", "18"]
+    assert [line.split("iteration ")[1].split("/")[0] for line in lines] == ["12", "15", "18"]
     assert all(line.startswith("five_seeds: ") for line in lines)
 
 
@@ -58,8 +62,17 @@ def test_live_line_is_one_line_and_takes_words_as_they_are(capsys):
     live.close()
     printed = capsys.readouterr().out
     assert "optimizer=gwo [red]x" in printed
-    assert "1 of 4 jobs done" in printed
+    assert "1/4 jobs done" in printed
     assert "2 trained by others" in printed
+
+
+def test_live_line_stays_one_line_on_a_narrow_terminal(capsys):
+    live = LiveSweepDisplay("five_seeds", Pace(1), Console(force_terminal=True, width=60))
+    live.show(states(), "a note that has no room")
+    live.close()
+    last = capsys.readouterr().out.split("five_seeds")[-1]
+    assert last.split("\x1b[?25h")[0].strip().count("\n") == 0
+    assert "ETA" in last
 
 
 @pytest.mark.parametrize("width", [80, 160])

@@ -11,6 +11,13 @@ from tlr_exp.sweeps.plan import make_plan, split_overrides
 
 CONF = Path(__file__).parents[2] / "conf"
 MOTIONS = sorted(path.stem for path in (CONF / "env").glob("*.yaml"))
+CONTROLS = ("fixed", "zero", "curriculum", "random", "random_search", "gwo")
+OPTIMIZERS = (
+    *("fixed", "gwo", "ospo", "pso", "differential_evolution", "cma_es", "random_search"),
+    "effective_dimension",
+)
+OBJECTIVES = ("rank_deviation", "retained_share", "kendall", "spearman")
+PENALTY_SCALES = ("0.01", "0.1", "0.3", "1", "3", "10")
 SHARES = ("0.02", "0.05", "0.1", "0.2", "0.3", "0.5")
 
 
@@ -20,7 +27,18 @@ def seeds(count, arms, key="optimizer"):
 
 PRESETS = {
     "five_seeds": (seeds(5, ["fixed", "gwo"]), ("optimizer",)),
-    "controls": (seeds(5, ["fixed", "random", "gwo"]), ("optimizer",)),
+    "controls": (seeds(5, CONTROLS), ("optimizer",)),
+    "which_optimizer": (seeds(3, OPTIMIZERS), ("optimizer",)),
+    "which_objective": (seeds(3, OBJECTIVES, "reward/objective"), ("reward.objective",)),
+    "penalty_scale": (
+        [
+            f"seed={seed} optimizer={arm} reward.penalty_scale={scale}"
+            for seed in range(3)
+            for arm in ("fixed", "gwo")
+            for scale in PENALTY_SCALES
+        ],
+        ("optimizer", "reward.penalty_scale"),
+    ),
     "threshold": (
         seeds(3, SHARES, "reward.objective.threshold_share"),
         ("reward.objective.threshold_share",),

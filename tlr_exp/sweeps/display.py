@@ -11,7 +11,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from tlr_exp.progress import clock
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
@@ -38,15 +38,16 @@ class SweepDisplay(Protocol):
 
 
 def progress_line(states: Sequence[JobState], pace: Pace, note: str = "") -> str:
-    """Jobs by status, iterations, time left: the sweep in one line."""
+    """Time left, jobs by status, iterations: the sweep in one line, what matters most first."""
     count = counts(states)
-    parts = [f"{count[FINISHED]} of {len(states)} jobs done"]
-    parts += [f"{count[s]} {s}" for s in (RUNNING, FAILED, INTERRUPTED, WAITING) if count[s]]
-    done, total = sum(state.done for state in states), sum(state.total for state in states)
-    parts.append(f"iteration {done} of {total}")
+    parts = []
     if count[RUNNING] or count[WAITING]:
         eta = pace.eta_s(states)
         parts.append(f"ETA {'…' if eta is None else clock(eta)}")
+    parts.append(f"{count[FINISHED]}/{len(states)} jobs done")
+    parts += [f"{count[s]} {s}" for s in (RUNNING, FAILED, INTERRUPTED, WAITING) if count[s]]
+    done, total = sum(state.done for state in states), sum(state.total for state in states)
+    parts.append(f"iteration {done}/{total}")
     return "  ".join([*parts, note] if note else parts)
 
 
@@ -79,8 +80,10 @@ class LiveSweepDisplay:
         self.pace = pace
         self.bar = Progress(
             TextColumn(escape(name)),
-            BarColumn(bar_width=20),
-            TextColumn("{task.fields[line]}"),
+            BarColumn(bar_width=10),
+            TextColumn(
+                "{task.fields[line]}", table_column=Column(no_wrap=True, overflow="ellipsis")
+            ),
             console=console,
         )
         self.task = self.bar.add_task("", total=1, line="")

@@ -63,7 +63,7 @@ class Monitor(threading.Thread):
                 self._announce(state)
             self._seen[state.num] = state.status
         self.pace.note(states, time.monotonic())
-        self.display.show(states, self._note())
+        self.display.show(states, self._note(states))
         self._leave_the_queue(states)
 
     def _announce(self, state: JobState) -> None:
@@ -78,9 +78,9 @@ class Monitor(threading.Thread):
         elif state.status == INTERRUPTED:
             self.display.say(f"{job} was interrupted at iteration {state.done} of {state.total}")
 
-    def _note(self) -> str:
-        if self.stopper.stopping:
-            return "stopping after this iteration of each job; Ctrl-C again kills them"
+    def _note(self, states: Sequence[JobState]) -> str:
+        if self.stopper.stopping and any(state.status == RUNNING for state in states):
+            return "stopping after this iteration; Ctrl-C again kills"
         elsewhere = self._elsewhere()
         return f"{len(elsewhere)} trained by others" if elsewhere else ""
 
