@@ -80,7 +80,7 @@ def find_moments(options: argparse.Namespace) -> list[Moment]:
             for n in options.iterations
         ]
     return [
-        Moment(f"-{share:g}percent", tuple(_at_share(run, share, physics) for run in runs))
+        Moment(f"-{share:02g}percent", tuple(_at_share(run, share, physics) for run in runs))
         for share in options.shares or PAPER_SHARES
     ]
 
