@@ -75,8 +75,8 @@ def test_pages_are_those_of_studies_with_runs(tmp_path: Path, database: Path) ->
     assert pages(uri, 5000) == [
         "  my study",
         f"    runs    {runs}?viewStateShareKey=final-numbers&workflowType=machine_learning",
-        f"    curves  {runs}?workflowType=machine_learning&compareRunsMode=CHART"
-        "&searchFilter=tags.kind%20%3D%20%27run%27",
+        f"    curves  {runs}?viewStateShareKey=curves-by-method&workflowType=machine_learning"
+        "&compareRunsMode=CHART",
     ]
     database.write_bytes(b"not a database")
     assert pages(uri, 5000) == ["  http://127.0.0.1:5000"]

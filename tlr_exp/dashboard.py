@@ -108,7 +108,7 @@ def free_port(wanted: int | None) -> int:
 
 def pages(uri: str, port: int) -> list[str]:
     """Lines with the addresses of the studies: the list of final numbers, and the curves."""
-    from tlr_exp.records.mlflow_view import CHARTS_QUERY, VIEW_QUERY
+    from tlr_exp.records.mlflow_view import CURVES_QUERY, NUMBERS_QUERY
 
     address = f"http://{HOST}:{port}"
     database = sqlite_path(uri)
@@ -128,8 +128,8 @@ def pages(uri: str, port: int) -> list[str]:
         runs = f"{address}/#/experiments/{number}/runs"
         lines += [
             f"  {name}",
-            f"    runs    {runs}{VIEW_QUERY}",
-            f"    curves  {runs}{CHARTS_QUERY}",
+            f"    runs    {runs}{NUMBERS_QUERY}",
+            f"    curves  {runs}{CURVES_QUERY}",
         ]
     return lines or [f"  {address}"]
 
