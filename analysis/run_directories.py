@@ -56,6 +56,19 @@ def from_run_directories(
     return records
 
 
+def arms_of_sweep(path: Path) -> tuple[str, ...]:
+    """Configuration keys in which the arms of a sweep differ; empty for any other folder.
+
+    Raises:
+        StudyError: the record of the sweep is damaged.
+    """
+    if not (path / SWEEP).is_file():
+        return ()
+    # Groups are written as on the command line, reward/objective, and are keys like others here.
+    arms = read_json(path / SWEEP).get("arms") or []
+    return tuple(str(key).replace("/", ".") for key in arms)
+
+
 def runs_of_sweep(path: Path) -> tuple[list[Path], list[str]]:
     """Run directories of a sweep's jobs, and a line for each job that has none.
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from analysis.check import checked
 from analysis.publishable import plain_text, publishable
-from analysis.run_directories import from_run_directories
+from analysis.run_directories import arms_of_sweep, from_run_directories
 from analysis.runs import records_of
 from analysis.settings import OPTIMIZER
 from analysis.study import Study, StudyError
@@ -32,7 +32,8 @@ def load_study(
 
     A source is a run directory, a folder with runs, the directory of a sweep, or an exported study.
     A single exported study without `arm_keys` or `choices` is taken as it is; all else is checked
-    (analysis.check.checked, which explains the `choices`). Hosts and paths are made publishable.
+    (analysis.check.checked, which explains the `choices`). Without `arm_keys`, the arms are those
+    of the sweep, or the optimizers. Hosts and paths are made publishable.
 
     Raises:
         StudyError: one line for each problem.
@@ -54,7 +55,8 @@ def load_study(
     folders = [path for path in paths if not is_exported(path)]
     if folders:
         records += from_run_directories(folders, bool(choices.get("allow_unfinished")))
-    study = checked(publishable(records), arm_keys or (OPTIMIZER,), **choices)
+    told = dict.fromkeys(key for folder in folders for key in arms_of_sweep(folder))
+    study = checked(publishable(records), arm_keys or tuple(told) or (OPTIMIZER,), **choices)
     # What was left out or noted at an earlier export is true still.
     return replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
 
@@ -88,8 +90,8 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         "--arms",
         metavar="KEYS",
         default="",
-        help="configuration keys in which the arms differ, separated by commas (default: "
-        f"{OPTIMIZER}; e.g. {OPTIMIZER},reward.objective.threshold_share)",
+        help="configuration keys in which the arms differ, separated by commas (default: those of "
+        f"the sweep, or {OPTIMIZER}; e.g. {OPTIMIZER},reward.objective.threshold_share)",
     )
     parser.add_argument("--baseline", metavar="ARM", default="", help="default: fixed, else first")
     parser.add_argument(

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from tlr_exp import keys
+from tlr_exp.assembly import build_split
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training import SNAPSHOT_SHARES, Training, UnstableSimulationError, checkpoint_store
 
@@ -113,3 +114,18 @@ def test_a_training_on_cuda_resumes_from_its_checkpoint(
     assert all(torch.equal(saved[name], restored[name]) for name in saved)
     assert resumed.train().iteration == 3
     assert np.isfinite(run.metrics()[-1][keys.STEP_REWARD])
+
+
+def test_the_penalty_scale_multiplies_every_coefficient_of_the_lower_layer_alone(settings_of):
+    plain, scaled = settings_of(), settings_of("reward.penalty_scale=0.25")
+    terms = torch.ones(2, 3, len(build_split(plain).term_names))
+    none = torch.zeros(len(plain.reward.optimizing))
+    ones = torch.ones_like(none)
+    (goal, costs), (scaled_goal, scaled_costs) = (
+        build_split(settings).returns(terms) for settings in (plain, scaled)
+    )
+    assert torch.equal(scaled_goal, goal)
+    torch.testing.assert_close(scaled_costs, 0.25 * costs)
+    goal_alone = build_split(plain).compose(terms, none)
+    full = build_split(plain).compose(terms, ones) - goal_alone
+    torch.testing.assert_close(build_split(scaled).compose(terms, ones) - goal_alone, 0.25 * full)

@@ -61,7 +61,10 @@ def build_clip(settings: EnvSettings, robot: Robot) -> MotionClip:
 
 
 def build_split(settings: Settings) -> RewardSplit:
-    return RewardSplit(settings.reward.goal, settings.reward.optimizing, g1.CONTROL_DT_S)
+    """The two layers, the lower one at its configured scale."""
+    reward = settings.reward
+    optimizing = {name: reward.penalty_scale * value for name, value in reward.optimizing.items()}
+    return RewardSplit(reward.goal, optimizing, g1.CONTROL_DT_S)
 
 
 def build_env(settings: Settings, robot: Robot, clip: MotionClip) -> TrackingEnv:

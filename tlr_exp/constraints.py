@@ -78,6 +78,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "physics.impl": one_of(("jax", "warp")),
     "physics.max_contacts": at_least(1),
     "physics.max_constraints": at_least(1),
+    "reward.penalty_scale": at_least(0),
     "reward.objective.threshold_share": inside(0, 1),
     "optimizer.pack_size": at_least(3),
     "optimizer.iterations": at_least(1),

@@ -74,12 +74,14 @@ class RewardSettings:
     Attributes:
         goal: coefficient of each upper-layer term.
         optimizing: coefficient of each lower-layer term, which the weights in [0, 1] multiply.
+        penalty_scale: multiplies the coefficients of all lower-layer terms.
         parameters: constants of the terms, by term.
         objective: what the weight optimizer minimises (``_target_`` and its settings).
     """
 
     goal: dict[str, float]
     optimizing: dict[str, float]
+    penalty_scale: float
     parameters: dict[str, dict[str, float]]
     objective: dict[str, Any]
 

@@ -79,8 +79,9 @@ def _terms(config: dict) -> list[tuple[str, float, str]]:
     """Name, coefficient and constants of every term of the lower layer of one configuration."""
     reward = config.get("reward", {})
     parameters = reward.get("parameters") or {}
+    scale = float(reward.get("penalty_scale", 1.0))  # runs from before it was a key
     return [
-        (name, float(coefficient), _constants(parameters.get(name) or {}))
+        (name, scale * float(coefficient), _constants(parameters.get(name) or {}))
         for name, coefficient in (reward.get("optimizing") or {}).items()
     ]
 

@@ -14,6 +14,7 @@ from analysis.run_directories import from_run_directories
 from analysis.sources import load_study
 from analysis.study import StudyError
 from analysis.tables import from_tables
+from tlr_exp.records.sweep_directory import SweepDirectory
 from tlr_exp.records.tracking import sync_run
 
 
@@ -159,6 +160,25 @@ def test_arms_by_a_key(runs: Path, tmp_path: Path) -> None:
     # An exported study has its arms, and can be exported again without naming them.
     assert main([str(out), "-o", str(tmp_path / "again")]) == 0
     assert from_tables(tmp_path / "again").arms == from_tables(out).arms
+
+
+def test_the_arms_of_a_sweep_are_those_it_was_made_for(runs: Path) -> None:
+    """Three runs of one optimizer with shares of their own: one arm each, as the sweep says."""
+    sweep = SweepDirectory.prepare(runs, "threshold", "0011aabb")
+    sweep.begin("tlr-train -m", num_jobs=3)
+    for number, share in enumerate(("0.02", "0.1", "0.5")):
+        path = run_of(runs, f"demo-gwo-seed{number}")
+        set_config(path, "threshold_share: 0.1", f"threshold_share: {share}")
+        set_config(path, f"seed: {number}", "seed: 0")
+        set_manifest(path, seed=0)
+        run_id = json.loads((path / "manifest.json").read_text())["run_id"]
+        sweep.write_job(number, "finished", overrides=[], run=path.name, run_id=run_id)
+    with pytest.raises(StudyError, match="threshold_share"):
+        load_study([sweep.path])
+    # A group is written as on the command line there.
+    sweep.set_status("finished", arms=["reward/objective.threshold_share"])
+    arms = load_study([sweep.path]).arms
+    assert arms == ("threshold_share=0.02", "threshold_share=0.1", "threshold_share=0.5")
 
 
 def test_exported_studies_are_sources_and_keep_their_notes(runs: Path, tmp_path: Path) -> None:

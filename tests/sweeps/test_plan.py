@@ -29,7 +29,7 @@ PRESETS = {
     "five_seeds": (seeds(5, ["fixed", "gwo"]), ("optimizer",)),
     "controls": (seeds(5, CONTROLS), ("optimizer",)),
     "which_optimizer": (seeds(3, OPTIMIZERS), ("optimizer",)),
-    "which_objective": (seeds(3, OBJECTIVES, "reward/objective"), ("reward.objective",)),
+    "which_objective": (seeds(3, OBJECTIVES, "reward/objective"), ("reward/objective",)),
     "penalty_scale": (
         [
             f"seed={seed} optimizer={arm} reward.penalty_scale={scale}"
