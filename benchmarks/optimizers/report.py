@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from benchmarks.optimizers.measure import Summary
 
@@ -55,12 +55,18 @@ def _table(summaries: Sequence[Summary]) -> str:
     ]
     for search in searches:
         errors = [
-            _bold(f"{cell[p, search].median:.2g}", cell[p, search].median == best[p])
+            _bold(_number(cell[p, search].median), cell[p, search].median == best[p])
             for p in problems
         ]
         milliseconds = 1e3 * np.median([cell[p, search].seconds for p in problems])
         lines.append(f"| {search} | {' | '.join(errors)} | {milliseconds:.0f} |")
     return "\n".join(lines)
+
+
+def _number(value: float) -> str:
+    """Two digits; with an exponent only where that is shorter."""
+    rounded = float(f"{value:.2g}")
+    return f"{rounded:g}" if 1e-4 <= abs(rounded) < 1e5 else f"{value:.2g}"
 
 
 def _bold(text: str, condition: bool) -> str:
@@ -71,7 +77,6 @@ def draw(summaries: Sequence[Summary], path: Path) -> None:
     """A panel for each test function and dimension: median and quartiles of the error."""
     shown = [s for s in summaries if not s.group.startswith("J")]
     rows, columns = groups(shown), list(dict.fromkeys(s.problem for s in shown))
-    matplotlib.rcParams["svg.hashsalt"] = "tlr_exp"
     figure = Figure(figsize=(11.0, 2.6 * len(rows)), layout="constrained")
     axes = figure.subplots(len(rows), len(columns), squeeze=False, sharey=True)
     for row, group in enumerate(rows):
@@ -96,6 +101,11 @@ def _panel(axes: Axes, summaries: Sequence[Summary]) -> None:
         axes.plot([low, high], [place, place], color=color, linewidth=3, alpha=0.35)
         axes.plot([middle], [place], "o", color=color, markersize=5)
     axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    narrow = high < 30.0 * low
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=6))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks(range(len(summaries)), [s.search for s in reversed(summaries)])
     axes.tick_params(labelsize=8)
     axes.grid(axis="x", color="#dddddd", linewidth=0.6)
