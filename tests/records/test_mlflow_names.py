@@ -71,3 +71,10 @@ def test_tags_of_an_old_or_foreign_manifest() -> None:
     tags = run_tags({"run_id": "1", "git": {"commit": "abc", "dirty": True}}, "failed")
     assert (tags["git_commit"], tags["git_dirty"]) == ("abc", "true")
     assert mlflow_status("interrupted") == "KILLED"
+
+
+def test_source_is_the_program_alone() -> None:
+    tags = run_tags({"run_id": "1", "command": "tlr-train env.motion=a/b.npz"}, "finished")
+    assert tags["mlflow.source.name"] == "tlr-train"
+    assert tags["command"] == "tlr-train env.motion=a/b.npz"
+    assert "mlflow.source.name" not in run_tags({"run_id": "1", "command": " "}, "finished")

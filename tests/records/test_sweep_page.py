@@ -68,7 +68,7 @@ def test_tags() -> None:
         "command": RECORD["command"],
         "host": "box",
         "git_commit": "abcdef012345",
-        "mlflow.source.name": RECORD["command"],
+        "mlflow.source.name": "tlr-train",
         "method": "fixed, gwo",
         "scale": "demo",
     }
@@ -89,7 +89,8 @@ def test_description_says_what_how_often_and_how_to_repeat_it() -> None:
     assert "\n    cd '/my runs/sweeps/five_seeds-0011aabb'\n    tlr-export . -o results" in note
     rows = [line for line in note.splitlines() if line.startswith("| ")]
     assert rows[1] == (
-        "| 0 | `optimizer=fixed seed=0` | finished | [run0](#/experiments/7/runs/mlflow0) |"
+        "| 0 | `optimizer=fixed seed=0` | finished | "
+        "[run0](#/experiments/7/runs/mlflow0?workflowType=machine_learning) |"
     )
     assert rows[3] == ("| 2 | `optimizer=gwo seed=1` | failed: ValueError: a / b | run2 |")
 

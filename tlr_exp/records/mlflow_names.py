@@ -67,11 +67,16 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
         "version.python": manifest.get("python"),
         # What MLflow's own pages show as version and source.
         "mlflow.source.git.commit": git.get("commit"),
-        "mlflow.source.name": manifest.get("command"),
+        "mlflow.source.name": program(manifest.get("command")),
     }
     tags |= {f"version.{name}": text for name, text in (manifest.get("packages") or {}).items()}
     tags |= manifest.get("tags") or {}
     return plain_tags(tags)
+
+
+def program(command: str | None) -> str | None:
+    """The program of a command line, for the column "Source", which shows what follows a slash."""
+    return command.split()[0] if command and command.strip() else None
 
 
 def plain_tags(tags: Mapping[str, Any]) -> dict[str, str]:

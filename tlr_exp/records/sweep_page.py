@@ -16,6 +16,7 @@ from tlr_exp.records.mlflow_names import (
     STATUS_TAG,
     SWEEP_TAG,
     plain_tags,
+    program,
 )
 from tlr_exp.records.run_directory import FAILED, FINISHED
 from tlr_exp.records.sweep_directory import JOB_STATUSES, JobRecord
@@ -67,7 +68,7 @@ def sweep_tags(record: Mapping[str, Any], jobs: Sequence[JobView], status: str) 
             "command": record.get("command"),
             "host": record.get("host"),
             "git_commit": ", ".join(sorted(commits - {""})) or None,
-            "mlflow.source.name": record.get("command"),
+            "mlflow.source.name": program(record.get("command")),
             **_labels(record, jobs),
         }
     )
@@ -139,7 +140,8 @@ def _row(job: JobView, swept: Mapping[str, str], experiment_id: str) -> str:
     differing = [text for text in overrides if _parts(text)[0] in swept] or overrides
     name = job.record.run or "-"
     if job.mlflow_run_id:
-        name = f"[{name}](#/experiments/{experiment_id}/runs/{job.mlflow_run_id})"
+        page = f"#/experiments/{experiment_id}/runs/{job.mlflow_run_id}"
+        name = f"[{name}]({page}?workflowType=machine_learning)"
     status = job.status
     if job.record.error:
         status += f": {_cell(job.record.error)}"
