@@ -9,7 +9,7 @@ from tlr_exp import g1
 from tlr_exp.evaluation import Trajectory, evaluate_trajectory
 from tlr_exp.pictures.error_plots import body_error_figure, joint_error_figure
 from tlr_exp.pictures.film import camera_path
-from tlr_exp.pictures.framing import FARTHEST_M, camera_for, fitting_distance
+from tlr_exp.pictures.framing import FARTHEST_M, frame_robots
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.pictures.policy_strips import StripRow, moments, policy_strip, strip_lookat
 
@@ -77,29 +77,49 @@ def test_camera_looks_at_one_height(standing):
     np.testing.assert_array_equal(lookat[:, :2], hopping[:, :2])
 
 
+def at(*points: tuple[float, float, float]) -> np.ndarray:
+    """Bodies [1, bodies, 3] in one picture."""
+    return np.array([points])
+
+
+FACING_X = np.array([0.0, 0.0, 0.78, 1.0, *[0.0] * 26])
+ORIGIN = np.zeros((1, 3))
+# The usual camera looks along 150 degrees from the heading; this is to the right of its pictures.
+RIGHT = np.array([0.5, np.sqrt(0.75), 0.0])
+SLOPE = 0.41421  # tan(22.5 degrees); each body reaches 0.15 m around its origin
+
+
 def test_camera_is_as_far_as_the_bodies_need():
-    """tan(22.5 degrees) = 0.41421; each body reaches 0.15 m around its origin."""
-    lookat = np.zeros((1, 3))
-    up = np.array([[[0.0, 0.0, 1.1]]])
-    assert fitting_distance([up], lookat, 0.0, 1.0) == pytest.approx(1.25 / 0.41421, rel=1e-4)
-    aside = np.array([[[0.0, 0.85, 0.0]]])
-    # Seen along x, y is to the side; a picture half as wide as high needs twice the distance.
-    far = fitting_distance([aside], lookat, 0.0, 0.8)
-    assert far == pytest.approx(1.0 / 0.8 / 0.41421, rel=1e-4)
-    assert fitting_distance([aside], lookat, 90.0, 0.8) == 2.5  # along y it is behind
-    assert fitting_distance([up, 10 * up], lookat, 0.0, 1.0) == FARTHEST_M
+    """From 1.3 m below to 1.3 m above: 1.45 m each way; the picture is centred."""
+    camera, lookat = frame_robots([at((0, 0, 1.3), (0, 0, -1.3))], ORIGIN, FACING_X, 1.0)
+    assert camera.distance_m == pytest.approx(1.45 / SLOPE, rel=1e-4)
+    np.testing.assert_allclose(lookat, ORIGIN, atol=1e-12)
+    camera, _ = frame_robots([at(0.85 * RIGHT, -0.85 * RIGHT)], ORIGIN, FACING_X, 0.75)
+    assert camera.distance_m == pytest.approx(1.0 / 0.75 / SLOPE, rel=1e-4)
+    behind = np.array([-RIGHT[1], RIGHT[0], 0.0])  # along the line of sight nothing is needed
+    camera, _ = frame_robots([at(2 * behind, -2 * behind)], ORIGIN, FACING_X, 0.75)
+    assert camera.distance_m == 2.5
 
 
-def test_the_camera_turns_with_the_heading_of_the_first_picture():
-    """Facing y, the usual camera looks along 150 + 90 degrees: what is there is not aside."""
-    lookat, qpos = np.zeros((1, 3)), np.zeros(30)
-    qpos[[3, 6]] = np.sqrt(0.5)
-    ahead = 1.2 * np.array([[[np.cos(np.radians(240)), np.sin(np.radians(240)), 0.0]]])
-    assert camera_for([ahead], lookat, qpos, 1.0).distance_m == 2.5
-    qpos[[3, 6]] = 1.0, 0.0
-    # Facing x, a right angle less: all 1.2 m are to the side.
-    expected = (1.2 + 0.15) / 0.41421
-    assert camera_for([ahead], lookat, qpos, 1.0).distance_m == pytest.approx(expected, rel=1e-4)
+def test_camera_turns_with_the_heading():
+    turned = FACING_X.copy()
+    turned[[3, 6]] = np.sqrt(0.5)  # facing y: what was to the right is now along the line of sight
+    camera, _ = frame_robots([at(1.1 * RIGHT, -1.1 * RIGHT)], ORIGIN, turned, 1.0)
+    assert camera.distance_m == 2.5
+
+
+def test_a_robot_that_fell_aside_moves_the_middle():
+    """The reference in the middle, the other 1.2 m to the right: 0.6 m is between the two."""
+    camera, lookat = frame_robots([at((0, 0, 0)), at(1.2 * RIGHT)], ORIGIN, FACING_X, 1.0)
+    np.testing.assert_allclose(lookat[0], 0.6 * RIGHT, atol=1e-12)
+    assert camera.distance_m == 2.5
+
+
+def test_a_robot_that_ran_away_does_not_take_the_camera_with_it():
+    """At 4 m a picture reaches 4 * 0.41421 m, less 0.15 m: so far the reference may be off."""
+    camera, lookat = frame_robots([at((0, 0, 0)), at(9.0 * RIGHT)], ORIGIN, FACING_X, 1.0)
+    assert camera.distance_m == FARTHEST_M == 4.0
+    np.testing.assert_allclose(lookat[0], (4 * SLOPE - 0.15) * RIGHT, rtol=1e-4)
 
 
 def test_a_fall_does_not_draw_the_videos_camera_down(standing, falling):

@@ -7,7 +7,7 @@ import numpy as np
 from tlr_exp import g1
 from tlr_exp.evaluation import Trajectory, body_distance
 from tlr_exp.pictures.clip_pictures import FOLLOW_HEIGHT_S, FOLLOW_S
-from tlr_exp.pictures.framing import camera_for
+from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.media import write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, render_frames
 from tlr_exp.robot import Robot
@@ -42,8 +42,8 @@ def film_evaluation(
     qpos, reference = trajectory.qpos[shown], trajectory.reference_qpos[shown]
     lookat = camera_path(trajectory)[shown]
     if camera is None:
-        bodies = [trajectory.body_pos_w[shown], trajectory.reference_body_pos_w[shown]]
-        camera = camera_for(bodies, lookat, qpos[0], width / height)
+        bodies = [trajectory.reference_body_pos_w[shown], trajectory.body_pos_w[shown]]
+        camera, lookat = frame_robots(bodies, lookat, qpos[0], width / height)
     frames = render_frames(
         robot,
         qpos,

@@ -9,37 +9,44 @@ import numpy as np
 from tlr_exp.pictures.clip_pictures import BODY_M, FIELD_DEG, NEAREST_M
 from tlr_exp.pictures.render import Camera, heading_deg
 
-FARTHEST_M = 3.6  # a robot that ran away is rather cut off than all robots made tiny
+FARTHEST_M = 4.0  # a robot that ran away is rather cut off than all robots made tiny
 
 
-def camera_for(
+def frame_robots(
     bodies: Sequence[np.ndarray], lookat: np.ndarray, first_qpos: np.ndarray, aspect: float
-) -> Camera:
-    """The usual camera, as far away as all robots need, within limits.
+) -> tuple[Camera, np.ndarray]:
+    """A camera that has all robots in its pictures as large as can be, the reference in any case.
 
     Args:
-        bodies: body positions of each robot [n, bodies, 3], m.
-        lookat: the middle of each picture [n, 3], m.
+        bodies: body positions [n, bodies, 3] of the reference, then of others, m.
+        lookat: about the middle of each picture [n, 3], m.
         first_qpos: the state [30] of the first picture, to whose heading the camera is relative.
         aspect: width by height of a picture.
+
+    Returns:
+        The usual camera at the distance needed, within limits; and ``lookat``, all of it moved by
+        the same vector, at right angles to where the camera looks.
     """
-    usual = Camera()
-    azimuth_deg = usual.azimuth_deg + heading_deg(first_qpos)
-    return Camera(distance_m=fitting_distance(bodies, lookat, azimuth_deg, aspect))
+    azimuth = np.radians(Camera().azimuth_deg + heading_deg(first_qpos))
+    right, up = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]), np.array([0.0, 0.0, 1.0])
+    away = [body - lookat[:, None] for body in bodies]
+    aside, height = ([positions @ axis for positions in away] for axis in (right, up))
+    slope = np.tan(np.radians(FIELD_DEG / 2))
+    needed = max(_half(height), _half(aside) / aspect) / slope
+    distance_m = float(np.clip(needed, NEAREST_M, FARTHEST_M))
+    reach = distance_m * slope - BODY_M
+    shift = _middle(aside, aspect * (reach + BODY_M) - BODY_M) * right
+    shift += _middle(height, reach) * up
+    return Camera(distance_m=distance_m), lookat + shift
 
 
-def fitting_distance(
-    bodies: Sequence[np.ndarray], lookat: np.ndarray, azimuth_deg: float, aspect: float
-) -> float:
-    """How far away in m a camera has all robots in its pictures, within limits.
+def _half(values: Sequence[np.ndarray]) -> float:
+    """Half of the room that all need."""
+    return float(max(map(np.max, values)) - min(map(np.min, values))) / 2 + BODY_M
 
-    Args:
-        bodies, lookat, aspect: as ``camera_for``.
-        azimuth_deg: where the camera looks, in the world: 0 along x, 90 along y.
-    """
-    away = np.stack(list(bodies)) - lookat[:, None]
-    up = np.abs(away[..., 2]).max() + BODY_M
-    azimuth = np.radians(azimuth_deg)
-    aside = np.abs(away[..., :2] @ [np.sin(azimuth), -np.cos(azimuth)]).max() + BODY_M
-    needed = max(up, aside / aspect) / np.tan(np.radians(FIELD_DEG / 2))
-    return float(np.clip(needed, NEAREST_M, FARTHEST_M))
+
+def _middle(values: Sequence[np.ndarray], reach: float) -> float:
+    """The middle of all, or so near to it that all of the first are within ``reach``."""
+    middle = float(max(map(np.max, values)) + min(map(np.min, values))) / 2
+    low, high = values[0].max() - reach, values[0].min() + reach
+    return float(np.clip(middle, low, high)) if low < high else float(low + high) / 2

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from tlr_exp.evaluation import EvaluationResult, Trajectory, body_distance, tilt
-from tlr_exp.pictures.framing import camera_for
+from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.render import render_frames
 from tlr_exp.robot import Robot
 
@@ -99,6 +99,7 @@ def _pictures(
     reference = first.reference_qpos[steps]
     lookat = strip_lookat(reference)
     bodies = [first.reference_body_pos_w[steps], *(r.trajectory.body_pos_w[steps] for r in rows)]
+    camera, lookat = frame_robots(bodies, lookat, reference[0], width / height)
     # All in one go: the camera's direction is relative to the robot's in the first picture.
     qpos = np.concatenate([reference, *(row.trajectory.qpos[steps] for row in rows)])
     frames = render_frames(
@@ -106,7 +107,7 @@ def _pictures(
         qpos,
         width=width,
         height=height,
-        camera=camera_for(bodies, lookat, reference[0], width / height),
+        camera=camera,
         lookat=np.tile(lookat, (len(rows) + 1, 1)),
         quality=quality,
     )

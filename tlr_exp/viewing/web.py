@@ -156,7 +156,7 @@ class WebViewer:
     def _add_controls(self) -> None:
         recording, player, gui = self.player.recording, self.player, self._server.gui
         # Nothing of it is to leave this machine, so there is no button for it.
-        gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("tlr_exp")
         gui.add_markdown(f"**{recording.title}**")
         self._text = gui.add_markdown("")
