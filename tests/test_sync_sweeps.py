@@ -215,6 +215,7 @@ def test_start_of_a_sweep_mends_another_that_was_killed_with_its_mirror(
 ) -> None:
     uri = f"sqlite:///{database}"
     dead, alive = add_sweep(study, "ffffffff"), add_sweep(study, ID)
+    add_sweep(study, "eeeeeeee")  # killed, too, but this store never had it
     with dead.lock():
         assert main([str(dead.path), "--tracking-uri", uri]) == 0
     assert statuses(database) == {"two-demo-ffffffff": "RUNNING"}

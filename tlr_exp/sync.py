@@ -186,19 +186,16 @@ class _LiveUpload:
 
         Otherwise MLflow would say that they run until someone calls tlr-sync.
         """
-        from tlr_exp.records.sweep_tracking import sync_sweep
+        from tlr_exp.records.sweep_tracking import SweepUpload
 
-        folder = self._source.folder
-        for sweep in find_sweeps(folder.path.parent):
-            with suppress(ValueError):
-                if (
-                    sweep.path != folder.path
-                    and sweep.record["status"] == RUNNING
-                    and not sweep.is_live()
-                ):
-                    sync_sweep(
-                        sweep, self._source.uri, self._source.experiment, self._source.max_file_mb
-                    )
+        source = self._source
+        for sweep in find_sweeps(source.folder.path.parent):
+            with suppress(ValueError):  # damaged, and not what this mirror is for
+                if sweep.path == source.folder.path or sweep.is_live():
+                    continue
+                upload = SweepUpload(sweep, source.uri, source.experiment, source.max_file_mb)
+                if sweep.record["status"] == RUNNING and upload.is_known():
+                    upload.push()
         self._mended = True
 
 

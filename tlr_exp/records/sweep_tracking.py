@@ -129,6 +129,18 @@ class SweepUpload:
             self._pushed = (state, replace(report, files=0))
         return replace(report, created=created, runs=tuple(runs.values()), problems=problems)
 
+    def is_known(self) -> bool:
+        """Whether the store has this sweep.
+
+        Raises:
+            TrackingUnavailable: the store cannot be reached now.
+            ValueError: the sweep directory is damaged.
+        """
+        with tracking_errors(self._uri):
+            self._client = self._client or open_client(self._uri)
+            record = self._sweep.record
+            return find_by_tag(self._client, SWEEP_ID_TAG, record["run_id"]) is not None
+
     # --- runs --------------------------------------------------------------------------------
     def _push_runs(
         self, client: MlflowClient, jobs: list[JobRecord]
