@@ -39,6 +39,10 @@ from tlr_exp.train import (
     train_in,
 )
 
+PATIENCE_S = 1.0
+# A job that a cluster queues again can start before the end of the process that ran out of time.
+CLUSTER_PATIENCE_S = 120.0
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: trained; 1: failed; 130: interrupted; 75: another process trains it."""
@@ -51,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     watch.start()
     sweep = SweepDirectory(options.sweep)
     try:
-        status = train_job(sweep, options.num)
+        status = train_job(sweep, options.num, PATIENCE_S if sweep_process else CLUSTER_PATIENCE_S)
     except RunInUseError as error:
         print(error)
         sweep.write_job(options.num, WAITING)
@@ -70,8 +74,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if status == FINISHED else EXIT_INTERRUPTED
 
 
-def train_job(sweep: SweepDirectory, num: int) -> str:
+def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
     """Train the run of job ``num``, or find that it is trained; how it ended.
+
+    A process that holds the run is waited for ``patience_s`` seconds.
 
     Raises:
         RunInUseError: another process trains it.
@@ -82,7 +88,7 @@ def train_job(sweep: SweepDirectory, num: int) -> str:
     check_inputs(settings)
     run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
     _note(sweep, num, run, WAITING)
-    with run.lock():
+    with run.lock(patience_s):
         # Looked at again: whoever held the lock a moment ago may have finished it.
         if run.status == FINISHED:
             return FINISHED

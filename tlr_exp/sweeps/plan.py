@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -43,25 +43,15 @@ def make_plan(config: DictConfig) -> Plan:
         raise ConfigError("hydra/sweeper: only basic knows its jobs before they are started")
     choices = split_overrides(_task_overrides(hydra))
     everything = [tuple(combination) for combination in itertools.product(*choices.values())]
-    how = parallelism(
-        OmegaConf.to_container(hydra.launcher, resolve=True),  # type: ignore[arg-type]
-        len(everything),
-        available_cores(),
-    )
+    launcher = OmegaConf.to_container(hydra.launcher, resolve=True)
+    how = parallelism(launcher, len(everything), available_cores())  # type: ignore[arg-type]
     differing = [key for key, values in choices.items() if len(values) > 1]
     labels = [_label(overrides, differing) for overrides in everything]
     composed = _compose_all(hydra, everything, labels)
     shared = _check_all(composed, labels, check_device=not how.detached)
     jobs = tuple(
-        PlannedJob(
-            num=num,
-            overrides=everything[num],
-            label=labels[num],
-            identity=run_identity(plain),
-            iterations=settings.scale.iterations,
-            spec=_spec(plain, method, how.threads, settings.resume != "never"),
-        )
-        for num, (plain, settings, method) in enumerate(composed)
+        _job(num, everything[num], labels[num], composed[num], how.threads)
+        for num in range(len(everything))
     )
     _refuse_duplicates(jobs)
     identities = [job.identity for job in jobs]
@@ -162,16 +152,28 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
     return first
 
 
-def _spec(plain: Mapping[str, Any], method: str, threads: int, go_on: bool) -> JobSpec:
+def _job(
+    num: int, overrides: tuple[str, ...], label: str, composed: Composed, threads: int
+) -> PlannedJob:
     """The job on its share of the cores, where the configuration leaves the number open (0)."""
+    plain, settings, method = composed
     physics = dict(plain["physics"])
     if physics.get("num_threads") == 0:
         physics["num_threads"] = threads
-    return JobSpec(
-        config={**plain, "physics": physics, "num_threads": plain["num_threads"] or threads},
+    own_threads = plain["num_threads"] or threads
+    spec = JobSpec(
+        config={**plain, "physics": physics, "num_threads": own_threads},
         method=method,
-        threads=plain["num_threads"] or threads,
-        go_on=go_on,
+        threads=own_threads,
+        go_on=settings.resume != "never",
+    )
+    return PlannedJob(
+        num=num,
+        overrides=overrides,
+        label=label,
+        identity=run_identity(plain),
+        iterations=settings.scale.iterations,
+        spec=spec,
     )
 
 
