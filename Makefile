@@ -53,7 +53,10 @@ test: $(INSTALLED) ## The test suite (slow and gpu tests apart: ARGS='-m slow')
 bench: $(INSTALLED) ## The benchmarks, as ratios measured in one run
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
 
+bench-optimizers: $(INSTALLED) ## Compare the weight optimizers: table and picture of docs/optimizers.md
+	$(BIN)/python -m benchmarks.optimizers $(ARGS)
+
 clean: ## Remove the environment and caches (never runs/)
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
 
-.PHONY: help install train reproduce-paper report dashboard check test bench clean
+.PHONY: help install train reproduce-paper report dashboard check test bench bench-optimizers clean

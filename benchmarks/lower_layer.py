@@ -103,8 +103,8 @@ def scale_figure(batches: dict[int, Batch]) -> Figure:
         axes[0, 1].plot(SCALES, values, **look)
         at_one = int(np.abs(SCALES - 1.0).argmin())
         print(
-            f"iteration {iteration}: at scale 1 {100 * shares[at_one]:.1f} % of the box is optimal, "
-            f"J of the static reward {values[at_one]:.2f}"
+            f"iteration {iteration}: at scale 1 {100 * shares[at_one]:.1f} % of the box is "
+            f"optimal, J of the static reward {values[at_one]:.2f}"
         )
     for panel, label in enumerate(
         ("Share of the box with J = 0 (%)", "J at all weights 1 (no unit)")

@@ -118,7 +118,7 @@ def instantiate(node: Mapping[str, Any], **arguments: Any) -> Any:
         raise ConfigError(f"{node.get('_target_')}: {error.__cause__ or error}") from error
     try:
         return build(**arguments)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise ConfigError(f"{node.get('_target_')}: {error}") from error
 
 

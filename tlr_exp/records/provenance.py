@@ -20,6 +20,9 @@ PACKAGES = (
     "hydra-core",
     "omegaconf",
     "mlflow",
+    "scipy",
+    "cmaes",
+    "mealpy",
 )
 
 _GIT_TIMEOUT_S = 5.0
