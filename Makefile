@@ -39,7 +39,7 @@ report: $(INSTALLED) ## Make the report of exported results anew; RESULTS=FOLDER
 	$(BIN)/tlr-report $(RESULTS) -o $(RESULTS)/report --force
 
 dashboard: $(INSTALLED) ## Open the MLflow dashboard of the runs in runs/
-	$(BIN)/mlflow server --backend-store-uri sqlite:///$(CURDIR)/runs/mlflow.db --host 127.0.0.1 --port 5000
+	$(BIN)/tlr-dashboard runs $(ARGS)
 
 check: $(INSTALLED) ## Style, types and import contracts
 	$(BIN)/ruff check .

@@ -29,7 +29,7 @@ from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
     default_tracking_uri,
-    hide_password,
+    how_to_open,
 )
 from tlr_exp.records.run_directory import (
     FAILED,
@@ -189,9 +189,7 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
         print(f"best checkpoint  {best}")
     print(f"evaluate         tlr-evaluate {run.path}")
     if uri is not None:
-        served = uri.startswith("http")
-        address = hide_password(uri)
-        print(f"dashboard        {'' if served else 'mlflow server --backend-store-uri '}{address}")
+        print(f"dashboard        {how_to_open(uri, run.path.parent.parent)}")
 
 
 @contextmanager

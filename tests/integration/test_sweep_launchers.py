@@ -42,6 +42,11 @@ def assert_both_are_trained(sweeper: Sweeper, status: int, output: str) -> None:
     assert [run.status for run in sweeper.runs] == ["finished"] * 2
     assert {run.manifest["tags"]["method"] for run in sweeper.runs} == {"fixed", "gwo"}
     assert sweeper.lines() == [2, 2]
+    # The command that repeats the run alone, not that of the process which trained it.
+    for run in sweeper.runs:
+        words = run.manifest["command"].split()
+        assert words[0] == "tlr-train"
+        assert f"optimizer={run.manifest['tags']['method']}" in words
 
 
 @needs_submitit

@@ -84,6 +84,15 @@ def hide_password(uri: str) -> str:
     return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}"
 
 
+def how_to_open(uri: str, runs_dir: Path) -> str:
+    """For messages: the address of a server, or the command that opens a store."""
+    if uri.startswith("http"):
+        return hide_password(uri)
+    if sqlite_path(uri) == runs_dir / STORE:
+        return f"tlr-dashboard {runs_dir}"
+    return f"mlflow server --backend-store-uri {hide_password(uri)}"
+
+
 class Mirror:
     """The process that brings a run, or a sweep with its runs, into MLflow while it goes on.
 

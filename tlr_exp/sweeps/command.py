@@ -13,7 +13,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from tlr_exp.config import ConfigError
-from tlr_exp.records.mirror import Mirror, hide_password
+from tlr_exp.records.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
@@ -137,9 +137,7 @@ def _say_how_it_ended(
     print_table(states, [job_log(sweep.path, state) for state in states])
     print(f"\nsweep directory  {sweep.path}")
     if plan.uri is not None:
-        served = plan.uri.startswith("http")
-        address = hide_password(plan.uri)
-        print(f"dashboard        {'' if served else 'mlflow server --backend-store-uri '}{address}")
+        print(f"dashboard        {how_to_open(plan.uri, plan.study_folder.parent)}")
     if status == FINISHED:
         print(f"{plan.name}: all {len(states)} jobs are trained")
         return

@@ -84,6 +84,7 @@ def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
         Exception: whatever went wrong in the training.
     """
     spec = read_spec(sweep.path, num)
+    _name_the_command(sweep.job(num).overrides)
     settings = load_settings(spec.config)
     check_inputs(settings)
     run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
@@ -92,14 +93,19 @@ def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
         # Looked at again: whoever held the lock a moment ago may have finished it.
         if run.status == FINISHED:
             return FINISHED
+        _print_into(run.path / RUN_LOG)  # first, so that a running job has its log there
         _note(sweep, num, run, RUNNING)
-        _print_into(run.path / RUN_LOG)
         try:
             # Into MLflow it comes with the whole sweep, by one process.
             return train_in(run, settings, None).status
         except KeyboardInterrupt:
             # It can come when all is done and written.
             return run.status
+
+
+def _name_the_command(overrides: Sequence[str]) -> None:
+    """Let the manifest keep the command that repeats this run alone, not that of this process."""
+    sys.argv[:] = ["tlr-train", *(each for each in overrides if not each.startswith("+sweep="))]
 
 
 def _note(sweep: SweepDirectory, num: int, run: RunDirectory, status: str) -> None:
