@@ -106,4 +106,5 @@ def test_a_roll_out_becomes_a_recording_with_its_reference(short_clip):
     made = recording_of_trajectory(trajectory, "a run")
     assert made.reference_qpos is not None
     np.testing.assert_array_equal(made.reference_qpos, short_clip.qpos[:10])
+    assert made.start_s == 0.02  # the first state is the end of the first step
     assert made.captions[4] == "0.10 s   phase 0.50\nupper body 0.100 m   lower body 0.100 m"

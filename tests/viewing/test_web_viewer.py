@@ -29,7 +29,7 @@ def recording(short_clip) -> Recording:
     reference = short_clip.qpos.copy()
     reference[:, :3] += ASIDE_M
     captions = tuple(f"state {k}" for k in range(short_clip.num_frames))
-    return Recording("a run", 0.02, short_clip.qpos, reference, captions)
+    return Recording("a run", 0.02, short_clip.qpos, reference, captions, start_s=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -91,13 +91,13 @@ def test_bodies_are_where_the_state_puts_them(viewer, recording, drawn_robot):
             np.testing.assert_allclose(handle.wxyz, data.xquat[body], atol=1e-9)
             ghost = viewer._reference[body]
             np.testing.assert_allclose(ghost.position, data.xpos[body] + ASIDE_M, atol=1e-9)
-        assert viewer._slider.value == pytest.approx(frame * 0.02)
+        assert viewer._slider.value == pytest.approx(0.02 + frame * 0.02)
         assert viewer._text.content == f"state {frame}"
 
 
 def test_a_hand_at_the_slider_pauses_and_time_itself_does_not(viewer):
     viewer.player.playing = True
-    viewer._slider.value = 0.5
+    viewer._slider.value = 0.02 + 0.5
     viewer._on_slider(Hand(None))
     assert viewer.player.playing
     viewer._on_slider(Hand(object()))

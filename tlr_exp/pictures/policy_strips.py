@@ -132,7 +132,7 @@ class _Page:
         self, rows: Sequence[StripRow], columns: int, width: int, height: int, titled: bool
     ) -> None:
         self.width, self.height = width, height
-        size = max(11, height // 20)
+        size = max(12, height // 20)
         self.large, self.small = ImageFont.load_default(1.2 * size), ImageFont.load_default(size)
         self.line = round(1.35 * size)
         self.gap = max(2, height // 130)

@@ -22,6 +22,7 @@ class Recording:
         qpos: [T, 30] (m, wxyz quaternion, rad).
         reference_qpos: [T, 30], drawn translucent; or None.
         captions: one text for each state, of one or several lines.
+        start_s: time of the first state, for the slider alone.
 
     Raises:
         ValueError: shapes that do not fit, values that are not finite, a time that is not positive.
@@ -32,6 +33,7 @@ class Recording:
     qpos: np.ndarray
     reference_qpos: np.ndarray | None
     captions: tuple[str, ...]
+    start_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt_s) and self.dt_s > 0):
@@ -59,8 +61,9 @@ class Recording:
 def recording_of_trajectory(trajectory: Trajectory, title: str) -> Recording:
     """A policy's roll-out with its reference; the texts are phase and errors."""
     texts = captions(trajectory, np.arange(trajectory.num_steps))
+    dt_s = trajectory.control_dt_s  # the first row is the end of the first step
     return Recording(
-        *(title, trajectory.control_dt_s, trajectory.qpos, trajectory.reference_qpos, tuple(texts))
+        *(title, dt_s, trajectory.qpos, trajectory.reference_qpos, tuple(texts)), start_s=dt_s
     )
 
 

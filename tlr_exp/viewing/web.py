@@ -8,6 +8,7 @@ are imported here alone, when a viewer is started.
 from __future__ import annotations
 
 import copy
+import logging
 import threading
 import time
 from importlib.util import find_spec
@@ -41,9 +42,7 @@ def require_packages() -> None:
     """
     missing = [name for name in _PACKAGES if find_spec(name) is None]
     if missing:
-        raise ViewerUnavailable(
-            f"--web needs {' and '.join(missing)}: pip install 'tlr_exp[web]' installs it"
-        )
+        raise ViewerUnavailable(f"--web needs {' and '.join(missing)}: pip install 'tlr_exp[web]'")
 
 
 def serve(recording: Recording, robot: Robot, port: int) -> None:
@@ -160,9 +159,9 @@ class WebViewer:
         gui.set_panel_label("tlr_exp")
         gui.add_markdown(f"**{recording.title}**")
         self._text = gui.add_markdown("")
-        self._slider = gui.add_slider(
-            "time, s", 0.0, max(recording.duration_s, recording.dt_s), recording.dt_s, 0.0
-        )
+        start, step = recording.start_s, recording.dt_s
+        end = start + max(recording.duration_s, step)
+        self._slider = gui.add_slider("time, s", start, end, step, start)
         self._button = gui.add_button("pause")
         self._loop = gui.add_checkbox("loop", initial_value=True)
         self._speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1 x")
@@ -179,7 +178,7 @@ class WebViewer:
         # The slider also moves because time goes by; only a hand at it (a client's) pauses.
         if event.client is not None:
             self.player.playing = False
-            self.player.seek(self._slider.value)
+            self.player.seek(self._slider.value - self.player.recording.start_s)
 
     def _show_reference(self, visible: bool) -> None:
         for handle in self._reference.values():
@@ -200,8 +199,9 @@ class WebViewer:
             _place(self._robot, self._positions[frame], self._rotations[frame])
             if self._ghost is not None:
                 _place(self._reference, self._ghost[0][frame], self._ghost[1][frame])
-        self._slider.value = round(frame * self.player.recording.dt_s, 6)
-        self._text.content = self.player.recording.captions[frame].replace("\n", "  \n")
+        recording = self.player.recording
+        self._slider.value = round(recording.start_s + frame * recording.dt_s, 6)
+        self._text.content = recording.captions[frame].replace("\n", "  \n")
 
 
 def body_poses(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,6 +246,9 @@ def body_meshes(model: mujoco.MjModel) -> dict[int, Any]:
 def _start(port: int) -> Any:
     """A viser server that only this machine can reach."""
     import viser  # pyright: ignore[reportMissingImports]
+
+    # Browsers open connections in advance and drop them; each would be logged with a traceback.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
 
     class LoopbackServer(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> str | None:
