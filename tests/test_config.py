@@ -12,6 +12,7 @@ from tlr_exp.config import (
     file_hashes,
     instantiate,
     load_settings,
+    of_any_version,
     plain_config,
 )
 from tlr_exp.constraints import CONSTRAINTS, violations
@@ -162,3 +163,14 @@ def test_the_two_arms_of_a_study_differ_in_the_optimizer_alone():
     static, two_layered = (plain_config(composed(f"optimizer={o}")) for o in ("fixed", "gwo"))
     assert static.pop("optimizer") != two_layered.pop("optimizer")
     assert static == two_layered
+
+
+def test_runs_of_earlier_versions_can_be_read():
+    """Keys that came later are filled in; what a run says itself is kept."""
+    config = plain_config(composed("reward.penalty_scale=0.5"))
+    assert load_settings(of_any_version(config)).reward.penalty_scale == 0.5
+    del config["reward"]["penalty_scale"]
+    with pytest.raises(ConfigError, match="penalty_scale"):
+        load_settings(config)
+    assert load_settings(of_any_version(config)).reward.penalty_scale == 1.0
+    assert "penalty_scale" not in config["reward"]

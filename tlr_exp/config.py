@@ -5,6 +5,7 @@ that a mistake shows within a second or two.
 """
 
 import copy
+import copy
 import difflib
 import hashlib
 import math
@@ -35,6 +36,10 @@ NOT_IDENTITY = (
     *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
     "scale.keep_checkpoints",
 )
+
+
+# Keys that runs of earlier versions lack, with the value that says what these runs did.
+ADDED_KEYS: dict[str, Any] = {"reward.penalty_scale": 1.0}
 
 
 class ConfigError(ValueError):
@@ -74,6 +79,18 @@ def run_identity(config: Mapping[str, Any]) -> str:
     Two runs of the same identity learn the same.
     """
     return config_hash({**config, "files": file_hashes(config)}, NOT_IDENTITY)
+
+
+def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The plain configuration of a run that an earlier version may have made, with all keys."""
+    complete = copy.deepcopy(dict(config))
+    for key, value in ADDED_KEYS.items():
+        *parents, name = key.split(".")
+        group = complete
+        for parent in parents:
+            group = group.setdefault(parent, {})
+        group.setdefault(name, value)
+    return complete
 
 
 def _own_keys(config: DictConfig) -> list[str]:

@@ -11,6 +11,7 @@ from enum import StrEnum
 import numpy as np
 
 from analysis.endpoints import tail_mean
+from analysis.report.cells import interval_text
 from analysis.report.evidence import Evidence, prediction_limits
 from analysis.statistics.results import Interval
 from tlr_exp import keys
@@ -76,7 +77,8 @@ def _improvement(metric: str) -> Callable[[Evidence], Finding]:
         interval = evidence.relative_improvement(metric)
         protocol = evidence.paper_protocol(metric)
         p_value = protocol.iteration_test.p_value
-        ours = f"{_percent(interval)}; the paper's own test gives p = {p_value:.1e}"
+        percent = interval_text(interval, 1, percent=True)
+        ours = f"{percent}; the paper's own test gives p = {p_value:.1e}"
         return Finding(ours, *_above_zero(interval, "two-layered", "static"))
 
     return judge
@@ -105,7 +107,7 @@ def _longer_static_at_first(evidence: Evidence) -> Finding:
         for values in evidence.curves(keys.EPISODE_LENGTH)
     )
     interval = evidence.difference(two_layered, static)
-    ours = f"static longer by {_steps(interval)} in the first 20 % of training"
+    ours = f"static longer by {interval_text(interval, 1)} steps in the first 20 % of training"
     return Finding(ours, *_above_zero(interval, "static", "two-layered", "longer"))
 
 
@@ -113,7 +115,7 @@ def _overtakes(evidence: Evidence) -> Finding:
     at, *both = evidence.common(keys.EPISODE_LENGTH)
     static, two_layered = (tail_mean(values, at) for values in both)
     interval = evidence.difference(static, two_layered)
-    ours = f"two-layered longer by {_steps(interval)} in the last 20 %"
+    ours = f"two-layered longer by {interval_text(interval, 1)} steps in the last 20 %"
     return Finding(ours, *_above_zero(interval, "two-layered", "static", "longer"))
 
 
@@ -188,15 +190,6 @@ def _around(values: np.ndarray, paper: float) -> tuple[Verdict, str]:
     low, high = prediction_limits(values)
     verdict = Verdict.REPRODUCED if low <= paper <= high else Verdict.NOT_REPRODUCED
     return verdict, f"one more run is expected from {low:.2f} to {high:.2f} (95 %)"
-
-
-def _percent(interval: Interval) -> str:
-    low, high = 100 * interval.low, 100 * interval.high
-    return f"{100 * interval.estimate:+.1f} % [{low:+.1f}, {high:+.1f}]"
-
-
-def _steps(interval: Interval) -> str:
-    return f"{interval.estimate:+.1f} steps [{interval.low:+.1f}, {interval.high:+.1f}]"
 
 
 def _seconds(phase: str) -> str:

@@ -45,8 +45,9 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     run = RunDirectory.open(run_path)
     config = run.config
 
-    from tlr_exp.config import load_settings
+    from tlr_exp.config import load_settings, of_any_version
 
+    config = of_any_version(config)
     engine = _physics_name(config, physics)
     if physics is not None and engine != _physics_name(config, None):
         config = {**config, "physics": _physics_nodes()[engine]}
