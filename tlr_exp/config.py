@@ -5,7 +5,6 @@ that a mistake shows within a second or two.
 """
 
 import copy
-import copy
 import difflib
 import hashlib
 import math
