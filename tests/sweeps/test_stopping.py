@@ -21,10 +21,12 @@ from tlr_exp.sweeps.stopping import (
 
 # Sleeps until the watch interrupts it.
 JOB = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from tlr_exp.records.following import WatchedProcess
 from tlr_exp.sweeps.stopping import Watch
+# As the process of a job does: what was started in the background may ignore the signal.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with_pid = WatchedProcess(int(sys.argv[2]))
 Watch(Path(sys.argv[1]), with_pid.alive).start()
 print("ready", flush=True)
