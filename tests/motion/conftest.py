@@ -1,5 +1,7 @@
 """Fixtures of the motion tests: one robot, one swaying clip, the gym-motion built once."""
 
+from collections.abc import Callable
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -52,3 +54,16 @@ def gym_plan(robot: Robot, gym_text: str) -> MotionPlan:
 @pytest.fixture(scope="session")
 def gym_clip(robot: Robot, gym_text: str) -> MotionClip:
     return build_clip(gym_text, robot)
+
+
+@pytest.fixture(scope="session")
+def authored(robot: Robot) -> Callable[[str], tuple[MotionClip, MotionPlan]]:
+    """An authored motion and its plan by name, built once however many tests look at it."""
+
+    @cache
+    def of(name: str) -> tuple[MotionClip, MotionPlan]:
+        text = files("tlr_exp.motion.clips").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+        plan = MotionPlan(read_script(text, HandSolver(robot)), robot)
+        return build_clip(text, robot), plan
+
+    return of

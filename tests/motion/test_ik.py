@@ -47,6 +47,19 @@ def test_all_targets_are_met(robot, targets):
         np.testing.assert_allclose(qpos[7 + 12 :], targets.joint_pos[t, 12:], atol=1e-5)
 
 
+def test_a_height_of_the_centre_of_mass_goes_before_that_of_the_pelvis(robot, targets):
+    falling = dataclasses.replace(targets, com_height=np.linspace(0.68, 0.62, 5))
+    solver, data = BodySolver(robot), mujoco.MjData(robot.model)
+    for qpos, height in zip(solver.solve(falling), falling.com_height, strict=True):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(robot.model, data)
+        mujoco.mj_comPos(robot.model, data)
+        np.testing.assert_allclose(data.subtree_com[1][2], height, atol=1e-5)
+    # A draft keeps to the pelvis, and so does the next motion without flight.
+    for qpos in (solver.solve(falling, strict=False), solver.solve(targets)):
+        np.testing.assert_allclose(qpos[:, 2], targets.pelvis_height, atol=1e-5)
+
+
 @pytest.mark.parametrize("strict", [True, False])
 def test_out_of_reach_is_refused_with_time_and_joints(robot, targets, strict):
     far = targets.foot_pos.copy()

@@ -6,6 +6,7 @@ docs/keyframes.md describes the files.
 import hashlib
 import os
 from contextlib import suppress
+from dataclasses import replace
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -19,6 +20,7 @@ from tlr_exp.motion.balance import (
     SLOW_SPEED_M_S,
     MassEstimate,
     check_balance,
+    load_of,
     plan_com,
 )
 from tlr_exp.motion.clip import MotionClip, check_consistency, clip_from_qpos
@@ -35,6 +37,9 @@ if TYPE_CHECKING:
 # The first pass takes the robot for a point mass below its pelvis; each further one knows from the
 # clip before where the mass is, what swinging limbs add, and where the motion is slow.
 _PASSES = 4
+_FLIGHT_PASSES = 9  # with flights, whose momentum each pass brings nearer to a constant
+# Light feet need a long lever. Motions without flight keep at least their weight in it.
+_LEAST_LOAD_IN_FLIGHT = 0.3
 _COM_BELOW_PELVIS_M = 0.09
 
 
@@ -81,9 +86,12 @@ def build_clip(text: str, robot: Robot) -> MotionClip:
     script = read_script(text, HandSolver(robot))
     plan, solver = MotionPlan(script, robot), BodySolver(robot)
     mass = _point_mass(plan)
-    for _ in range(_PASSES - 1):
+    for number in range((_FLIGHT_PASSES if plan.flights else _PASSES) - 1):
         clip = _one_pass(plan, mass, solver, robot, strict=False)
-        mass = _measure(clip, robot)
+        measured = _measure(clip, plan, robot)
+        # What is slow depends on the plan for what is slow: late passes must not flip it for ever.
+        mass = measured if number < _PASSES else replace(measured, slow=mass.slow)
+        plan.keep_momentum(clip, robot)
     return _one_pass(plan, mass, solver, robot, strict=True)
 
 
@@ -91,7 +99,7 @@ def _one_pass(
     plan: MotionPlan, mass: MassEstimate, solver: "BodySolver", robot: Robot, strict: bool
 ) -> MotionClip:
     try:
-        plan.fall_freely(mass)
+        mass = plan.fall_freely(mass)
         support = plan.support(mass.pelvis_offset)
         com = plan_com(support, mass, plan.times_s)
         if strict:
@@ -104,24 +112,28 @@ def _one_pass(
 
 def _point_mass(plan: MotionPlan) -> MassEstimate:
     frames = len(plan.times_s)
+    height = plan.pelvis_height_m - _COM_BELOW_PELVIS_M
     return MassEstimate(
-        height=plan.pelvis_height_m - _COM_BELOW_PELVIS_M,
+        height=height,
+        load=load_of(height, plan.times_s),
         zmp_offset=np.zeros((frames, 2)),
         pelvis_offset=np.tile([0.0, 0.0, _COM_BELOW_PELVIS_M], (frames, 1)),
         slow=np.zeros(frames, dtype=bool),
     )
 
 
-def _measure(clip: MotionClip, robot: Robot) -> MassEstimate:
+def _measure(clip: MotionClip, plan: MotionPlan, robot: Robot) -> MassEstimate:
     """What a clip shows of the mass, for the next plan."""
     motion = centroidal(clip, robot)
     lift = np.gradient(motion.com_vel[:, 2:], 1 / clip.fps, axis=0)
     spin = np.gradient(motion.angular_momentum, 1 / clip.fps, axis=0)
-    weight = motion.mass * np.maximum(lift + GRAVITY, GRAVITY)
+    least = _LEAST_LOAD_IN_FLIGHT if plan.flights else 1.0
+    weight = motion.mass * np.maximum(lift + GRAVITY, least * GRAVITY)
     # A little faster than slow, because the next plan's speed differs a little.
     slow = np.linalg.norm(motion.com_vel[:, :2], axis=1) < 1.05 * SLOW_SPEED_M_S
     return MassEstimate(
         height=motion.com[:, 2],
+        load=load_of(motion.com[:, 2], plan.times_s),
         zmp_offset=np.stack([-spin[:, 1], spin[:, 0]], axis=1) / weight,
         pelvis_offset=clip.qpos[:, :3] - motion.com,
         slow=slow,

@@ -1,12 +1,15 @@
 """A script sampled at its frames: feet, contacts, what the floor and the legs allow."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tlr_exp.g1 import FOOT_BODIES, JOINT_NAMES, NUM_JOINTS
-from tlr_exp.motion.balance import MassEstimate, Support, plan_height
+from tlr_exp.motion.balance import GRAVITY, MassEstimate, Support, plan_height
+from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import half_planes, hip_offset, sole_points
+from tlr_exp.motion.flight import flights, momentum_turn
 from tlr_exp.motion.quaternions import from_euler, rotate
 from tlr_exp.motion.script import SIDES, Script
 from tlr_exp.motion.splines import bump, interpolate
@@ -48,6 +51,7 @@ class BodyTargets:
         foot_pos: [2, T, 3], origins of the ankle roll links, left and right.
         foot_quat: [2, T, 4].
         joint_pos: [T, 23], of which those of waist and arms are taken.
+        com_height: [T], to be met in place of ``pelvis_height`` where it is not a draft; or None.
     """
 
     times_s: np.ndarray
@@ -57,6 +61,7 @@ class BodyTargets:
     foot_pos: np.ndarray
     foot_quat: np.ndarray
     joint_pos: np.ndarray
+    com_height: np.ndarray | None = None
 
 
 class MotionPlan:
@@ -70,6 +75,8 @@ class MotionPlan:
         pelvis_quat: [T, 4].
         joint_pos: [T, 23], of which waist and arms are given, the legs zero.
         feet: the two feet's paths.
+        flights: take-off and landing frames.
+        com_height_m: [T] where there are flights, else None.
     """
 
     def __init__(self, script: Script, robot: Robot) -> None:
@@ -79,31 +86,44 @@ class MotionPlan:
         channels = {name: interpolate(knots, self.times_s) for name, knots in script.knots.items()}
         self.pelvis_height_m = self._written_height_m = channels["pelvis.height_m"]
         angles = (channels[f"pelvis.{key}"] for key in ("yaw", "pitch", "roll"))
-        self.pelvis_quat = from_euler(*angles)
+        self.pelvis_quat = self._written_quat = from_euler(*angles)
+        self.turn = np.zeros((frames, 3))
         self.joint_pos = np.zeros((frames, NUM_JOINTS))
         for i, name in enumerate(JOINT_NAMES):
             if name in channels:
                 self.joint_pos[:, i] = channels[name]
         self.feet = [_foot_path(script, channels, side, self.times_s) for side in SIDES]
+        self.flights = flights(np.stack([foot.on_floor for foot in self.feet]), self.times_s)
+        self.com_height_m: np.ndarray | None = None
         self._weight_on_right = channels["weight_on_right"]
         self._soles = [sole_points(robot, side) for side in range(len(SIDES))]
         self._hips = [hip_offset(robot, side) for side in range(len(SIDES))]
         self._ankle_room = [_ankle_room(robot, side) for side in range(len(SIDES))]
 
-    def fall_freely(self, mass: MassEstimate) -> None:
+    def fall_freely(self, mass: MassEstimate) -> MassEstimate:
         """Let the centre of mass fall freely while both feet are in the air.
 
         Its heights at take-off and landing and the time between them settle the flight; heights
         that the script gives in between are passed over, and those shortly before and after may
         be missed by some centimetres.
+
+        Returns:
+            ``mass`` with the height and the load of this plan.
         """
-        flying = ~np.any([foot.on_floor for foot in self.feet], axis=0)
-        if flying[0] or flying[-1]:
-            raise ValueError("the first and the last keyframe need a foot on the floor")
-        if flying.any():
-            above = mass.pelvis_offset[:, 2]
-            height = plan_height(self._written_height_m - above, flying, self.times_s)
-            self.pelvis_height_m = height + above
+        if not self.flights:
+            return mass
+        above = mass.pelvis_offset[:, 2]
+        height, lift = plan_height(self._written_height_m - above, self.flights, self.times_s)
+        self.com_height_m, self.pelvis_height_m = height, height + above
+        return replace(mass, height=height, load=1 + lift / GRAVITY)
+
+    def keep_momentum(self, clip: MotionClip, robot: Robot) -> None:
+        """Turn the pelvis so that flights keep angular momentum; ``clip`` came of the last turn."""
+        if not self.flights:
+            return
+        self.turn = momentum_turn(clip, robot, self.flights, self.turn)
+        written = Rotation.from_quat(self._written_quat, scalar_first=True)
+        self.pelvis_quat = (Rotation.from_rotvec(self.turn) * written).as_quat(scalar_first=True)
 
     def support(self, pelvis_offset_m: np.ndarray) -> Support:
         """The constraints on the centre of mass.
@@ -123,7 +143,8 @@ class MotionPlan:
             planes.append(half_planes(np.concatenate(touching)) if touching else None)
             rows = [self._reach(side, t, pelvis_offset_m[t, :2]) for side in range(len(SIDES))]
             reach.append(np.concatenate(rows))
-        return Support(planes, np.sum(share[..., None] * middles, axis=0), reach)
+        target = np.sum(share[..., None] * middles, axis=0)
+        return Support(planes, target, reach, self.flights)
 
     def targets(self, com: np.ndarray, pelvis_offset_m: np.ndarray) -> BodyTargets:
         """What inverse kinematics must meet.
@@ -138,6 +159,7 @@ class MotionPlan:
             times_s=self.times_s,
             com_xy=com,
             pelvis_height=self.pelvis_height_m,
+            com_height=self.com_height_m,
             pelvis_quat=self.pelvis_quat,
             foot_pos=np.stack([position for position, _ in poses]),
             foot_quat=np.stack([quat for _, quat in poses]),
