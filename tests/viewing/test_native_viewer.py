@@ -31,6 +31,7 @@ class Window:
     def __init__(self, model: mujoco.MjModel, pictures: int) -> None:
         self.user_scn = mujoco.MjvScene(model, 2000)
         self.opt = mujoco.MjvOption()
+        self.cam = mujoco.MjvCamera()
         self.left = pictures
         self.synced = 0
 
@@ -59,6 +60,15 @@ def test_without_a_display_it_says_what_to_do(monkeypatch):
         native.require_display()
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     native.require_display()
+
+
+def test_the_camera_begins_with_the_whole_robot_in_view(recording):
+    camera = mujoco.MjvCamera()
+    native.aim(camera, recording)
+    assert camera.lookat[:2] == pytest.approx(recording.qpos[0, :2])
+    # MuJoCo's vertical field of view is 45 degrees: at this distance it holds a robot of 1.3 m.
+    assert 2 * camera.distance * np.tan(np.radians(22.5)) > 2 * (1.3 - camera.lookat[2])
+    assert 2 * camera.distance * np.tan(np.radians(22.5)) > 2 * camera.lookat[2]
 
 
 def test_the_robot_and_its_ghost_are_where_they_belong(drawn_robot, recording):

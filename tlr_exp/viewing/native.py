@@ -17,6 +17,7 @@ from tlr_exp.viewing.recording import Player, Recording
 
 _GHOST_RGBA = np.array([0.05, 0.42, 0.95, 0.3])
 _REFRESH_S = 1 / 60
+_LOOK_AT_HEIGHT_M, _DISTANCE_M, _ELEVATION_DEG = 0.7, 3.2, -12.0
 # GLFW's codes of the keys.
 _SPACE, _RIGHT, _LEFT = 32, 262, 263
 
@@ -48,6 +49,7 @@ def view(recording: Recording, robot: Robot) -> None:
     print(f"{recording.title}: space pauses, arrows step, Esc closes", flush=True)
     ghost = mujoco.MjData(robot.model)
     with handle:
+        aim(handle.cam, recording)
         before = time.monotonic()
         while handle.is_running():
             now = time.monotonic()
@@ -57,6 +59,12 @@ def view(recording: Recording, robot: Robot) -> None:
                 show(handle, robot.model, data, ghost, recording, player.frame)
             handle.sync()
             time.sleep(_REFRESH_S)
+
+
+def aim(camera: Any, recording: Recording) -> None:
+    """Point the camera, which the user can move from then on, at the whole robot at the start."""
+    camera.lookat[:] = (*recording.qpos[0, :2], _LOOK_AT_HEIGHT_M)
+    camera.distance, camera.elevation = _DISTANCE_M, _ELEVATION_DEG
 
 
 def require_display() -> None:
