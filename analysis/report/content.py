@@ -105,7 +105,7 @@ def gather(study: Study, command: str, progress: Progress = lambda _: None) -> R
     rates = null_rates(evidence)
     figures = Section("figures", "Figures", **draw_all(study, rates, progress))
     return Report(
-        title=f"{evidence.labels[1]} against {evidence.labels[0]} reward",
+        title=f"{evidence.labels[1]} against {evidence.labels[0]}",
         subtitle=_subtitle(study),
         banner=_banner(study),
         summary=tuple(_summary(evidence, judged)),
@@ -182,29 +182,28 @@ def _banner(study: Study) -> str:
 def _summary(evidence: Evidence, judged: list[tuple[Claim, Finding]]) -> Iterator[str]:
     for metric, claimed in PAPER_IMPROVEMENT.items():
         interval = evidence.relative_improvement(metric)
-        name = quantity(metric).name.lower()
         text = interval_text(interval, 1, percent=True)
+        theirs = f" (the paper: +{claimed} %). {support(interval)}" if judged else ""
         yield (
-            f"Relative improvement of the {name} by {evidence.labels[1]}, averaged over training: "
-            f"{text} (the paper: +{claimed} %). {support(interval)}"
+            f"Relative improvement of the {quantity(metric).name.lower()} by {evidence.labels[1]}, "
+            f"averaged over training: {text}{theirs or '. ' + conclusion(interval, evidence)}"
         )
-    if not judged:
-        yield from evidence.study.notes
-        return
-    counts = {verdict: sum(f.verdict == verdict for _, f in judged) for verdict in Verdict}
-    told = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
-    yield f"Of {len(judged)} claims of the paper: {told}."
+    if judged:
+        counts = {verdict: sum(f.verdict == verdict for _, f in judged) for verdict in Verdict}
+        told = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
+        yield f"Of {len(judged)} claims of the paper: {told}."
     share = evidence.control_steps_per_run / PAPER_CONTROL_STEPS
     if share < FULL_SIZE_SHARE:
         yield (
-            f"Each run took {evidence.control_steps_per_run:.3g} control steps, {share:.2%} of the "
-            "paper's. What happens later in training, these data cannot say."
+            f"Each run took {evidence.control_steps_per_run:.3g} control steps, "
+            f"{100 * share:.2g} % of the paper's. What happens later in training, these data "
+            "cannot say."
         )
     yield from evidence.study.notes
 
 
 def support(interval: Interval) -> str:
-    """In plain words, whether the seeds show an improvement."""
+    """In plain words, whether the seeds show the improvement that the paper reports."""
     if math.isnan(interval.low):
         return f"Nothing can be concluded: {interval.reason}."
     if interval.low > 0:
@@ -212,6 +211,17 @@ def support(interval: Interval) -> str:
     if interval.high < 0:
         return "These data do not support the paper: the two-layered arm is worse."
     return "These data do not support the paper: they do not tell the arms apart."
+
+
+def conclusion(interval: Interval, evidence: Evidence) -> str:
+    """In plain words, which of two arms the seeds show to be the better one."""
+    if math.isnan(interval.low):
+        return f"Nothing can be concluded: {interval.reason}."
+    if interval.low > 0:
+        return f"{evidence.labels[1]} is better."
+    if interval.high < 0:
+        return f"{evidence.labels[0]} is better."
+    return "These seeds do not tell the arms apart."
 
 
 # --- sections --------------------------------------------------------------------------------

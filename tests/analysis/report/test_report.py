@@ -126,6 +126,15 @@ def test_the_summary_says_plainly_what_the_data_show(low: float, high: float, wo
     assert words in support(Interval(0.0, low, high, 0.95, "Fieller", "one seed"))
 
 
+def test_a_study_without_a_static_arm_is_not_held_against_the_paper() -> None:
+    arms = ("gwo, threshold_share=0.02", "gwo, threshold_share=0.1")
+    study = make_study(np.random.default_rng(0), arms, range(3), iterations=20, effect=0.3)
+    report = gather(study, "tlr-train -m +sweep=threshold")
+    assert "claims" not in {section.anchor for section in report.sections}
+    assert not any("the paper:" in sentence for sentence in report.summary)
+    assert report.summary[0].endswith("two-layered (GWO), threshold_share=0.1 is better.")
+
+
 def test_the_command_writes_a_report_from_exported_tables(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
