@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype, is_integer_dtype
 
-from tlr_exp.keys import ITERATION
+from tlr_exp.keys import ITERATION, METHOD_NAMES
 
 FINISHED = "finished"
 STATUSES = (FINISHED, "running", "failed", "interrupted")
@@ -27,8 +27,6 @@ TEXT_COLUMNS = (
 NUMBER_COLUMNS = ("seed", "num_envs", "iterations", "control_steps")
 # Columns of `Study.curves` before the metrics.
 CURVE_KEYS = (RUN, "arm", "seed", ITERATION)
-
-_PRETTY = {"fixed": "static", "gwo": "two-layered (GWO)", "random": "random weights"}
 
 
 class StudyError(ValueError):
@@ -123,7 +121,7 @@ class Study:
 def pretty_arm(arm: str) -> str:
     """The name of an arm for figures and texts: the method's name in words, the rest as it is."""
     method, comma, rest = arm.partition(",")
-    return _PRETTY.get(method, method) + comma + rest
+    return METHOD_NAMES.get(method, method) + comma + rest
 
 
 def rows_of(frame: pd.DataFrame) -> dict[str, dict[str, Any]]:

@@ -75,6 +75,10 @@ PAPER_LOWER_LAYER = (
     TORQUE_LIMITS,
 )
 
+# --- methods ---------------------------------------------------------------------------------
+# What the arms of the paper's study are called for readers; other methods go by their own name.
+METHOD_NAMES = {"fixed": "static", "gwo": "two-layered (GWO)", "random": "random weights"}
+
 # --- metric names ----------------------------------------------------------------------------
 ITERATION = "iteration"
 ENV_STEPS = "train/env_steps"

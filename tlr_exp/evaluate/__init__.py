@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 
 from tlr_exp.evaluate.choosing import Choice, choose, load_policy
+from tlr_exp.pictures.sizes import size_argument
 
 __all__ = ["Choice", "choose", "load_policy", "main"]
 
 WEB_PORT = 8080
-MAX_SIDE = 4096
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -108,7 +107,10 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--columns", type=int, default=8, help="moments of a strip (default: 8)")
     parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="pixels of a video, or of a picture in a strip"
+        "--size",
+        type=size_argument,
+        metavar="WxH",
+        help="pixels of a video, or of a picture in a strip",
     )
     parser.add_argument(
         "--quality", choices=["fast", "full"], help="default: full for strips, fast for videos"
@@ -146,13 +148,3 @@ def _numbers(kind: type):
         return numbers
 
     return read
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size; expected one like 640x480")
-    width, height = int(match[1]), int(match[2])
-    if width % 2 or height % 2 or not 16 <= min(width, height) <= max(width, height) <= MAX_SIDE:
-        raise argparse.ArgumentTypeError(f"both sides must be even, from 16 to {MAX_SIDE}")
-    return width, height

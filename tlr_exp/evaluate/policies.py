@@ -9,10 +9,9 @@ from pathlib import Path
 from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
 from tlr_exp.evaluate.choosing import Choice, load_policy
 from tlr_exp.evaluation import EvaluationResult, Trajectory, evaluate_policy
+from tlr_exp.keys import METHOD_NAMES
 from tlr_exp.pictures.policy_strips import StripRow
 from tlr_exp.records.run_directory import RunDirectory
-
-_METHODS = {"fixed": "static", "gwo": "two-layered (GWO)", "random": "random weights"}
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ def evaluate(choice: Choice) -> Evaluation:
 def method_of(run: Path) -> str:
     """What a run's method is called in pictures: static, two-layered (GWO), ..."""
     method = RunDirectory.open(run).manifest["tags"].get("method") or run.name
-    return _METHODS.get(method, method)
+    return METHOD_NAMES.get(method, method)
 
 
 def row_of(evaluation: Evaluation, among: Sequence[Choice]) -> StripRow:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from rich.progress import Progress
 
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion_tool.files import CLIP_HELP, load_clip, size
+from tlr_exp.pictures.sizes import size_argument
 from tlr_exp.robot import Robot, build_robot
 
 PARTS = ("joints", "bodies", "keyframes", "video")
@@ -22,7 +22,6 @@ _ENDINGS = {
     "keyframes": "_keyframes.png",
     "video": ".mp4",
 }
-MAX_SIDE = 4096
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fps", type=float, default=25.0, help="frames a second of the video (default: 25)"
     )
     parser.add_argument(
-        "--size", metavar="WxH", type=_size, default=(480, 360), help="of the video, in pixels"
+        "--size",
+        metavar="WxH",
+        type=size_argument,
+        default=(480, 360),
+        help="of the video, in pixels",
     )
     parser.add_argument("--quality", choices=["fast", "full"], default="fast", help="of the video")
     when = parser.add_mutually_exclusive_group()
@@ -47,16 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     when.add_argument("--times", metavar="S", type=float, nargs="+", help="or at these times")
     parser.set_defaults(run=_show)
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)x(\d+)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size; expected one like 640x480")
-    width, height = int(match[1]), int(match[2])
-    if width % 2 or height % 2 or not 16 <= min(width, height) <= max(width, height) <= MAX_SIDE:
-        raise argparse.ArgumentTypeError(f"both sides must be even, from 16 to {MAX_SIDE}")
-    return width, height
 
 
 def _show(options: argparse.Namespace) -> int:
