@@ -9,6 +9,7 @@ from analysis.figures.optimum import figure_optimum
 from analysis.figures.overhead import figure_15
 from analysis.figures.seeds import figure_profile, figure_seeds
 from analysis.figures.tracking import figure_6, figure_7, figure_13
+from analysis.figures.trend import figure_trend
 from analysis.figures.wall_clock import figure_wall_clock
 from analysis.figures.weights import figure_14
 
@@ -22,6 +23,7 @@ ALL_FIGURES: tuple[FigureSpec, ...] = (
     FigureSpec("seed_lines", "", figure_seeds),
     FigureSpec("performance_profile", "", figure_profile),
     FigureSpec("forest", "", figure_forest),
+    FigureSpec("trend", "", figure_trend),
     FigureSpec("curve_comparison", "", figure_curve_comparison),
     FigureSpec("autocorrelation", "", figure_autocorrelation),
     FigureSpec("false_positives", "", figure_false_positives),

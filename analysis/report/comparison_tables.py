@@ -50,7 +50,12 @@ class Outcome:
 
     @property
     def digits(self) -> int:
-        return _DIGITS.get(quantity(self.metric).unit, 3)
+        return digits_of(self.metric)
+
+
+def digits_of(metric: str) -> int:
+    """Decimals of a value of this metric in a table."""
+    return _DIGITS.get(quantity(metric).unit, 3)
 
 
 def outcomes(evidence: Evidence) -> list[Outcome]:

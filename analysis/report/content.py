@@ -16,7 +16,7 @@ from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render
 from analysis.quantities import quantity
-from analysis.report import comparison_tables, run_tables
+from analysis.report import comparison_tables, run_tables, sweep_tables
 from analysis.report.cells import Table, duration, interval_text
 from analysis.report.claims import (
     FULL_SIZE_SHARE,
@@ -31,6 +31,7 @@ from analysis.report.evidence import SEED, Evidence, seed_noise
 from analysis.statistics.nulls import FalsePositiveRates, false_positive_rates
 from analysis.statistics.results import Interval
 from analysis.study import Study, pretty_arm
+from analysis.swept import sweep_of
 from tlr_exp import keys
 
 Progress = Callable[[str], None]
@@ -41,6 +42,10 @@ SEEDS_TEXT = (
     "A method is judged by what it does on a new seed, so the seed is the unit: one number per "
     "run, compared between the arms. A table of many tests is many chances to be lucky; the "
     "column Holm allows for that."
+)
+SWEEP_TEXT = (
+    "All values together: with a table of many pairs, the best of them looks good by chance. The "
+    "tests ask first whether the value matters at all."
 )
 PROTOCOL_TEXT = (
     "Five seeds cannot give the p-values of the paper, whatever the data. They follow from a test "
@@ -113,6 +118,7 @@ def gather(study: Study, command: str, progress: Progress = lambda _: None) -> R
         sections=(
             *_claims_section(judged),
             _seeds_section(study, found),
+            *_sweep_section(study),
             _protocol_section(evidence, rates),
             figures,
             _runs_section(study),
@@ -241,6 +247,13 @@ def _seeds_section(study: Study, found: dict[str, list[Outcome]]) -> Section:
             comparison_tables.speed_table(evidence),
         ]
     return Section("seeds", "The seed as the unit", (SEEDS_TEXT,), tuple(content))
+
+
+def _sweep_section(study: Study) -> Iterator[Section]:
+    sweep = sweep_of(study)
+    if sweep is not None:
+        content = (sweep_tables.values_table(study, sweep), sweep_tables.trend_table(study, sweep))
+        yield Section("sweep", f"What {sweep.key} does", (SWEEP_TEXT,), content)
 
 
 def _protocol_section(evidence: Evidence, rates: FalsePositiveRates) -> Section:

@@ -2,10 +2,11 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from analysis.figures.reward_terms import table_1
 from analysis.report.cells import MISSING, Table, duration
+from analysis.settings import flat
 from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
@@ -63,10 +64,11 @@ def terms_table(study: Study) -> Table:
 
 def settings_table(study: Study) -> Table:
     """The resolved configuration that the runs share, and what differs between the arms."""
-    flat = [dict(_flat(json.loads(text))) for text in study.runs["config"]]
-    names = sorted({name for config in flat for name in config})
+    configs = [flat(json.loads(text)) for text in study.runs["config"]]
+    names = sorted({name for config in configs for name in config})
     rows = tuple(
-        (name, ", ".join(dict.fromkeys(str(c[name]) for c in flat if name in c))) for name in names
+        (name, ", ".join(dict.fromkeys(str(c[name]) for c in configs if name in c)))
+        for name in names
     )
     return Table("Settings", ("key", "value"), rows)
 
@@ -78,11 +80,3 @@ def _short(commit: str) -> str:
 
 def _distinct(column: Iterable[object]) -> str:
     return ", ".join(sorted({str(value) for value in column if value})) or MISSING
-
-
-def _flat(node: object, prefix: str = "") -> Iterator[tuple[str, object]]:
-    if isinstance(node, dict):
-        for name, value in node.items():
-            yield from _flat(value, f"{prefix}.{name}" if prefix else str(name))
-    else:
-        yield prefix, node

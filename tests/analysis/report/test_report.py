@@ -131,6 +131,18 @@ def test_a_study_without_a_static_arm_is_not_held_against_the_paper() -> None:
     study = make_study(np.random.default_rng(0), arms, range(3), iterations=20, effect=0.3)
     report = gather(study, "tlr-train -m +sweep=threshold")
     assert "claims" not in {section.anchor for section in report.sections}
+    (sweep,) = [section for section in report.sections if section.anchor == "sweep"]
+    assert sweep.title == "What reward.objective.threshold_share does"
+    by_value, tests = sweep.tables
+    assert [row[0] for row in by_value.rows] == [
+        "two-layered (GWO), 0.02",
+        "two-layered (GWO), 0.1",
+    ]
+    assert [row[0] for row in tests.rows] == [
+        "Upper-body error",
+        "Lower-body error",
+        "Episode length",
+    ]
     assert not any("the paper:" in sentence for sentence in report.summary)
     assert report.summary[0].endswith("two-layered (GWO), threshold_share=0.1 is better.")
 
