@@ -6,14 +6,16 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
+from tlr_exp import input_files
 from tlr_exp.config import (
     NOT_IDENTITY,
     ConfigError,
-    file_hashes,
     instantiate,
     load_settings,
     of_any_version,
     plain_config,
+    run_identity,
+    with_absolute_paths,
 )
 from tlr_exp.constraints import CONSTRAINTS, violations
 from tlr_exp.records.runs import config_hash
@@ -116,14 +118,37 @@ def test_what_is_built_gets_its_arguments_as_they_are(robot):
     assert kept["robot"] is robot
 
 
-def test_the_identity_of_a_run_holds_the_content_of_its_files(tmp_path):
-    config = {"env": {"motion": str(tmp_path / "a.npz"), "robot": {"mjcf": None}}}
-    (tmp_path / "a.npz").write_bytes(b"one")
-    first = file_hashes(config)
-    (tmp_path / "a.npz").write_bytes(b"two")
-    assert set(first) == {"env.motion"}
-    assert first != file_hashes(config)
-    assert file_hashes({"env": {"motion": "gym_motion", "robot": {"mjcf": None}}}) == {}
+def identity_of(*overrides):
+    return run_identity(with_absolute_paths(plain_config(composed(*overrides))))
+
+
+def test_an_authored_motion_counts_by_what_its_keyframes_say(tmp_path, monkeypatch):
+    """Not by its name alone, nor by a file of that name in the current folder."""
+    before = identity_of("env.motion=walk")
+    (tmp_path / "walk").write_text("mine")
+    monkeypatch.chdir(tmp_path)
+    assert identity_of("env.motion=walk") == before
+    (tmp_path / "walk.yaml").write_bytes(input_files.motion_content("walk"))
+    assert identity_of("env.motion=walk.yaml") == before
+    monkeypatch.setattr(input_files, "files", lambda _: tmp_path)  # where the motions lie
+    assert identity_of("env.motion=walk") == before
+    with (tmp_path / "walk.yaml").open("a") as file:
+        file.write("# edited")
+    assert identity_of("env.motion=walk") != before
+
+
+def test_files_count_by_what_they_hold_and_not_by_where_they_lie(tmp_path):
+    for folder, motion, model in (("a", "one", "<x/>"), ("b", "one", "<x/>"), ("c", "two", "<y/>")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "m.npz").write_text(motion)
+        (tmp_path / folder / "r.xml").write_text(model)
+
+    def identity(motion, model):
+        paths = [tmp_path / motion / "m.npz", tmp_path / model / "r.xml"]
+        return identity_of(f"env.motion={paths[0]}", f"env.robot.mjcf={paths[1]}")
+
+    assert identity("a", "a") == identity("b", "b")
+    assert len({identity(motion, model) for motion in "ac" for model in "ac"}) == 4
 
 
 def test_several_mistakes_are_named_together():

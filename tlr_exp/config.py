@@ -6,7 +6,6 @@ that a mistake shows within a second or two.
 
 import copy
 import difflib
-import hashlib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -22,12 +21,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tlr_exp import keys
 from tlr_exp.constraints import violations
+from tlr_exp.input_files import file_hashes, is_motion_path
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.runs import config_hash
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
-MOTION_FILES = (".yaml", ".yml", ".npz")
 
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = (
@@ -50,34 +49,30 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
     return OmegaConf.to_container(OmegaConf.masked_copy(config, _own_keys(config)), resolve=True)  # type: ignore[return-value]
 
 
-def file_hashes(config: Mapping[str, Any]) -> dict[str, str]:
-    """SHA-256 of the files that a plain configuration names: what they hold is part of a run."""
-    env = config["env"]
-    named = {"env.motion": env["motion"], "env.robot.mjcf": env["robot"]["mjcf"]}
-    return {
-        key: hashlib.sha256(Path(name).read_bytes()).hexdigest()
-        for key, name in named.items()
-        if name is not None and Path(name).is_file()
-    }
-
-
 def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
     """A plain configuration that means the same files in whatever folder it is read again."""
     env = dict(config["env"])
     robot = dict(env["robot"])
     if robot["mjcf"] is not None:
         robot["mjcf"] = str(Path(robot["mjcf"]).absolute())
-    if Path(env["motion"]).suffix in MOTION_FILES:
+    if is_motion_path(env["motion"]):
         env["motion"] = str(Path(env["motion"]).absolute())
     return {**config, "env": {**env, "robot": robot}}
 
 
 def run_identity(config: Mapping[str, Any]) -> str:
-    """8 hex digits of a plain configuration with absolute paths, and of the files it names.
+    """8 hex digits of a plain configuration, in which files count by what they hold.
 
-    Two runs of the same identity learn the same.
+    Two runs of the same identity learn the same, wherever their files lie and whatever they are
+    called.
+
+    Raises:
+        FileNotFoundError: a file that the configuration names is not there.
     """
-    return config_hash({**config, "files": file_hashes(config)}, NOT_IDENTITY)
+    hashes = file_hashes(config)
+    robot = {**config["env"]["robot"], "mjcf": hashes.get("env.robot.mjcf")}
+    env = {**config["env"], "motion": hashes["env.motion"], "robot": robot}
+    return config_hash({**config, "env": env}, NOT_IDENTITY)
 
 
 def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -266,7 +261,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
 
 def _motion_problems(motion: str) -> Iterator[str]:
     authored = motion_names()
-    if Path(motion).suffix in MOTION_FILES:
+    if is_motion_path(motion):
         if not Path(motion).is_file():
             yield f"env.motion: there is no file {motion}"
     elif motion not in authored:
