@@ -86,7 +86,6 @@ def test_the_budget_is_what_is_reported() -> None:
     assert [len(pack) for pack in recorder.packs] == [7] * 12
     assert result.evaluations == 7 * 12
     assert torch.equal(result.pack_values, recorder.values[-1])
-    assert len(result.best_values) == 12
 
 
 @pytest.mark.parametrize("tie_break", ["first", "largest_norm"])
@@ -95,8 +94,7 @@ def test_leaders_persist_so_the_best_is_never_lost(tie_break: str) -> None:
     result = search(recorder, tie_break=tie_break)
     best_of_each_pack = torch.stack([values.min() for values in recorder.values])
     assert (best_of_each_pack.diff() > 0).any()  # the pack itself does lose its best
-    assert torch.equal(result.best_values, best_of_each_pack.cummin(dim=0).values)
-    assert result.value == result.best_values[-1].item()
+    assert result.value == best_of_each_pack.min().item()
     assert shifted_rastrigin(result.position).item() == result.value
 
 

@@ -42,7 +42,6 @@ def test_positions_are_clipped_and_counted_and_the_best_is_kept() -> None:
     result = count.result(recorder.packs[-1], recorder.values[-1])
     assert result.position.tolist() == [1.0, 0.0]  # found before the other of value 1
     assert (result.value, result.evaluations) == (1.0, 6)
-    assert result.best_values.tolist() == [1.0, 1.0]
     assert result.optimal_share == 0.5
 
 

@@ -21,7 +21,6 @@ class SearchResult:
         value: the function at `position`.
         pack: the last pack of positions [pack, dims].
         pack_values: the function at these positions [pack].
-        best_values: the best value so far after each batch of evaluations [batches].
         evaluations: positions at which the function was computed in order to choose.
     """
 
@@ -29,7 +28,6 @@ class SearchResult:
     value: float
     pack: Tensor
     pack_values: Tensor
-    best_values: Tensor
     evaluations: int
 
     @property
@@ -108,7 +106,6 @@ def unsearched(weights: Tensor, objective_fn: WeightFunction) -> SearchResult:
         value=values.item(),
         pack=weights[None],
         pack_values=values,
-        best_values=values,
         evaluations=0,
     )
 

@@ -7,7 +7,7 @@ Campolongo, Cariboni and Saltelli (2007).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -130,7 +130,7 @@ class EffectiveDimension(BoxOptimizer):
         moving = self._screen(objective_fn).nonzero()[:, 0]
         if not len(moving):
             found = unsearched(self.rest.clone(), objective_fn)
-            return _with(found, found.position, found.pack, self.screening)
+            return replace(found, evaluations=self.screening)
         seed = torch.randint(_NUM_SEEDS, (1,), generator=self.generator, device=self.device)
         inner = self.inner(
             num_terms=len(moving), objective=self.objective, seed=int(seed), device=self.device
@@ -142,8 +142,12 @@ class EffectiveDimension(BoxOptimizer):
             return self.rest.repeat(len(part), 1).index_copy(1, moving, part)
 
         found = inner.search(lambda part: objective_fn(whole(part)))
-        position, pack = whole(found.position[None])[0], whole(found.pack)
-        return _with(found, position, pack, self.screening + found.evaluations)
+        return replace(
+            found,
+            position=whole(found.position[None])[0],
+            pack=whole(found.pack),
+            evaluations=self.screening + found.evaluations,
+        )
 
     def _screen(self, objective_fn: WeightFunction) -> Tensor:
         """Which weights move J [num_terms] bool."""
@@ -167,15 +171,3 @@ def _check_inner(inner: object) -> None:
             f"inner keeps its {', '.join(sorted(kept))} between iterations, but the weights that "
             "are searched change: use inner.persistent=false"
         )
-
-
-def _with(found: SearchResult, position: Tensor, pack: Tensor, evaluations: int) -> SearchResult:
-    """The same result in all dimensions."""
-    return SearchResult(
-        position=position,
-        value=found.value,
-        pack=pack,
-        pack_values=found.pack_values,
-        best_values=found.best_values,
-        evaluations=evaluations,
-    )

@@ -86,7 +86,6 @@ class Tally:
         self.evaluations = 0
         self.best = lower.new_empty(0, len(lower))  # [1, dims] once something was evaluated
         self.best_value = lower.new_empty(0)
-        self.best_values: list[Tensor] = []
 
     def __call__(self, positions: Tensor) -> Tensor:
         """Values [n] of positions [n, dims], which are clipped to the box.
@@ -113,7 +112,6 @@ class Tally:
         values = torch.cat([self.best_value.to(values), values])
         best = best_first(positions, values, self.tie_break)[:1]
         self.best, self.best_value = positions[best], values[best]
-        self.best_values.append(self.best_value[0])
 
     def result(self, pack: Tensor, pack_values: Tensor) -> SearchResult:
         """What was found; `pack` [pack, dims] and its values [pack] are the last ones."""
@@ -122,7 +120,6 @@ class Tally:
             value=self.best_value.item(),
             pack=pack,
             pack_values=pack_values,
-            best_values=torch.stack(self.best_values),
             evaluations=self.evaluations,
         )
 
