@@ -36,7 +36,8 @@ def interval_text(interval: Interval, digits: int, percent: bool = False) -> str
     scale, unit = (100.0, f"{NBSP}%") if percent else (1.0, "")
     if math.isnan(interval.estimate):
         return MISSING
-    text = f"{scale * interval.estimate:+.{digits}f}{unit}"
+    # An estimate of exactly nothing may carry the sign of -0.0.
+    text = f"{scale * interval.estimate + 0.0:+.{digits}f}{unit}"
     if math.isnan(interval.low):
         return text
     return f"{text} [{scale * interval.low:+.{digits}f},{NBSP}{scale * interval.high:+.{digits}f}]"
@@ -53,6 +54,8 @@ def p_value_text(value: float) -> str:
     """A p-value as text, small ones as powers of ten."""
     if math.isnan(value):
         return MISSING
+    if value == 0:
+        return "0 (below 1e-300)"  # smaller than a float can be
     return f"{value:.1e}" if value < 1e-3 else f"{value:.3f}"
 
 

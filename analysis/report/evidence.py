@@ -17,6 +17,10 @@ from analysis.study import BASELINE_METHOD, Study, StudyError, pretty_arm
 
 PREFERRED_TREATMENT = "gwo"
 SEED = 0  # of the draws that tests of many seeds need
+MOST_AUTOCORRELATION = 0.999
+_CORRECTIONS = 20  # after which the autocorrelation changes no more, unless the curves are short
+
+Limits = tuple[float, float]
 
 
 class Evidence:
@@ -90,6 +94,13 @@ class Evidence:
         """The treatment's curves [m, T]."""
         return self.study.matrix(metric, self.treatment)[2]
 
+    def treatment_sum(self, metric: str) -> float:
+        """The sum of a metric over all runs of the treatment, wherever it was measured; else 0."""
+        if metric not in self.metric_names:
+            return 0.0
+        curves = self.study.curves
+        return float(np.nansum(curves.loc[curves["arm"] == self.treatment, metric].to_numpy()))
+
     def paper_protocol(self, metric: str) -> PaperAnalysis:
         """The paper's own analysis of a metric."""
         return paper_analysis(
@@ -112,6 +123,27 @@ class Evidence:
         change = (reference - second) / reference
         return -change if quantity(metric).larger_is_better else change
 
+    def improvement_limits(self, metric: str, confidence: float = 0.95) -> Limits | None:
+        """Where the improvement of one more run of both arms is expected, as shares.
+
+        Of arms that share their seeds from `improvement_by_seed`; else both runs are new, and the
+        ratio of their means over training varies with either (first-order propagation,
+        Satterthwaite's degrees of freedom). None with a single seed.
+        """
+        if self.paired:
+            by_seed = self.improvement_by_seed(metric)
+            return prediction_limits(by_seed, confidence) if by_seed.size > 1 else None
+        first, second = (values.mean(axis=1) for values in self.curves(metric))
+        if min(first.size, second.size) < 2:
+            return None
+        ratio = second.mean() / first.mean()
+        parts = np.array([ratio**2 * first.var(ddof=1), second.var(ddof=1)])
+        parts *= 1 + 1 / np.array([first.size, second.size])
+        freedom = parts.sum() ** 2 / (parts**2 / [first.size - 1, second.size - 1]).sum()
+        reach = stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()) / first.mean()
+        change = ratio - 1 if quantity(metric).larger_is_better else 1 - ratio
+        return float(change - reach), float(change + reach)
+
     def difference(self, baseline: Array, treatment: Array) -> Interval:
         """Welch's interval of mean(treatment) - mean(baseline)."""
         return difference_interval(baseline, treatment)
@@ -127,7 +159,7 @@ class Evidence:
         )
 
 
-def prediction_limits(values: Array, confidence: float = 0.95) -> tuple[float, float]:
+def prediction_limits(values: Array, confidence: float = 0.95) -> Limits:
     """Where one further value is expected, from values [n] of a normal distribution.
 
     mean ± t_{n-1} s sqrt(1 + 1/n) (Hahn and Meeker, Statistical Intervals, section 3.5).
@@ -159,16 +191,31 @@ def seed_noise(*arms: Array) -> SeedNoise:
     """The scatter of curves [n, T] of each arm around the arm's own mean curve.
 
     A run's level is the mean over training of its distance from the mean curve; the rest is noise.
-    One run alone has no scatter: its level is 0, and its noise that around its own mean.
+    The mean of T dependent values varies by itself, with `_variance_of_mean` of the variance of the
+    noise. So much of what the levels scatter is none of theirs, and is missing in the noise around
+    them, in its variance as in its autocovariance. One run alone has no scatter: its level is 0,
+    and its noise that around its own mean.
     """
     distance = np.concatenate([_from_mean_curve(values) for values in arms])
     levels = distance.mean(axis=1)
     noise = distance - levels[:, None]
-    size = float(noise.std())
+    size = float(noise.var())
     if size == 0.0 or noise.shape[1] < 3:
         return SeedNoise(0.0, 0.0)
     neighbours = [autocorrelation(row)[1] for row in noise if np.ptp(row) > 0]
-    return SeedNoise(float(np.clip(np.mean(neighbours), 0.0, 0.999)), float(levels.std()) / size)
+    found = rho = float(np.clip(np.mean(neighbours), 0.0, MOST_AUTOCORRELATION))
+    for _ in range(_CORRECTIONS):
+        lost = _variance_of_mean(rho, noise.shape[1])
+        rho = min(found * (1 - lost) + lost, MOST_AUTOCORRELATION)
+    lost = _variance_of_mean(rho, noise.shape[1])
+    between = max(0.0, float(levels.var()) / size * (1 - lost) - lost)
+    return SeedNoise(rho, float(np.sqrt(between)))
+
+
+def _variance_of_mean(rho: float, length: int) -> float:
+    """Variance of the mean of a stationary AR(1) series of variance 1: a share of that."""
+    lags = np.arange(1, length)
+    return float(1 + 2 * ((1 - lags / length) * rho**lags).sum()) / length
 
 
 def _from_mean_curve(values: Array) -> Array:

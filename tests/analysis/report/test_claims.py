@@ -8,10 +8,12 @@ from studies import level, make_study
 
 from analysis.report.claims import CLAIMS, PAPER_CONTROL_STEPS, Claim, Finding, Verdict, findings
 from analysis.report.evidence import Evidence, prediction_limits, seed_noise
+from analysis.statistics.nulls import ar1_curves
 from analysis.study import Study, StudyError
 from tlr_exp import keys
 
 UPPER = "Upper-body tracking error falls against the static reward, averaged over training."
+NEAR_ONE = (keys.ANG_VEL_XY, keys.LIN_VEL_Z, keys.DOF_POS_LIMITS, keys.DOF_VEL_LIMITS)
 SEARCH = "The weight search costs little of an iteration."
 
 
@@ -58,9 +60,20 @@ def test_a_single_seed_says_nothing_of_an_improvement() -> None:
 
 def test_overhead_is_the_share_of_the_search_in_the_iteration() -> None:
     """0.2 s of 5.075 s are 3.9 %, below the paper's 8.7 %."""
-    _, finding = judge(at_paper_size(study_with(0.0, noise=1e-4, spread=1e-4)), SEARCH)
+    study = study_with(0.0, noise=1e-4, spread=1e-4)
+    curves = study.curves.drop(columns="time/evaluate_s")
+    _, finding = judge(at_paper_size(dataclasses.replace(study, curves=curves)), SEARCH)
     assert "3.9 % of an iteration" in finding.ours
     assert finding.verdict is Verdict.REPRODUCED
+
+
+def test_overhead_leaves_out_the_evaluations() -> None:
+    """60 iterations of 5.075 s, 6 of them with 2 s of evaluation: 12 of 60 * 5.075 - 12 = 292.5 s.
+
+    Of all 304.5 s they would be 3.9 %.
+    """
+    _, finding = judge(study_with(0.0, noise=1e-4, spread=1e-4), SEARCH)
+    assert "4.1 % of an iteration without its evaluation" in finding.ours
 
 
 def test_final_weights_are_compared_with_the_papers() -> None:
@@ -71,6 +84,66 @@ def test_final_weights_are_compared_with_the_papers() -> None:
         generator = np.random.default_rng(1)
         study = make_study(generator, {"fixed": {}, "gwo": curves}, noise=0.01, seed_spread=0.01)
         assert judge(at_paper_size(study), statement)[1].verdict is verdict
+
+
+def test_runs_that_agree_with_everything_reproduce_nothing() -> None:
+    """Five runs that end at 0, 0.25, ... 1 scatter as random weights do.
+
+    Mean 0.5, s = sqrt(5/32) = 0.395, t_4 = 2.776: one more run is expected from 0.5 - 1.20 to
+    0.5 + 1.20, so it may be 0.92 as well as 0.5.
+    """
+    study = study_with(0.0)
+    weight = keys.WEIGHT_PREFIX + keys.DOF_POS_LIMITS
+    curves = study.curves.copy()
+    curves.loc[curves["arm"] == "gwo", weight] = curves["seed"] / 4
+    study = at_paper_size(dataclasses.replace(study, curves=curves))
+    _, finding = judge(study, "The weight of dof_pos_limits ends high.")
+    assert finding.verdict is Verdict.CANNOT_SAY
+    assert "from -0.70 to 1.70" in finding.reason
+
+
+def test_one_low_weight_is_not_outweighed_by_three_high_ones() -> None:
+    """1, 1, 1 and 0.6 have the mean 0.9, but not each ends near 0.9."""
+    ends = zip(NEAR_ONE, (1.0, 1.0, 1.0, 0.6), strict=True)
+    curves = {keys.WEIGHT_PREFIX + name: level(value) for name, value in ends}
+    generator = np.random.default_rng(1)
+    study = make_study(generator, {"fixed": {}, "gwo": curves}, noise=0.001, seed_spread=0.001)
+    _, finding = judge(at_paper_size(study), "Four of the six weights end high.")
+    assert finding.verdict is Verdict.NOT_REPRODUCED
+    assert f"{NEAR_ONE[3]}: one more run is expected from 0.60" in finding.reason
+
+
+def test_single_runs_that_may_be_no_better_do_not_reproduce_an_improvement() -> None:
+    """An improvement of 7 % that differs by some 5 % from seed to seed: 7 ± 2.8 * 1.1 * 7."""
+    study = at_paper_size(study_with(0.07, spread=0.05))
+    _, finding = judge(study, "Upper-body error of a single run.")
+    assert finding.verdict is Verdict.CANNOT_SAY
+    assert "no improvement alike" in finding.reason
+
+
+def test_first_part_of_training_is_counted_in_iterations() -> None:
+    """Of 60 iterations, the first 20 % end at 12, though the length is known from 11 on only.
+
+    Static is longer by 50 steps in iterations 11 and 12, and equally long from 13 on.
+    """
+    study = study_with(0.0, noise=1e-6, spread=1e-6)
+    curves = study.curves.copy()
+    early, static = curves["iteration"] <= 12, curves["arm"] == "fixed"
+    wobble = curves["seed"] * 1e-3
+    curves[keys.EPISODE_LENGTH] = 100.0 + wobble + 50.0 * (early & static)
+    curves.loc[curves["iteration"] <= 10, keys.EPISODE_LENGTH] = np.nan
+    study = at_paper_size(dataclasses.replace(study, curves=curves))
+    _, finding = judge(study, "At first the static arm has the longer episodes.")
+    assert finding.ours.startswith("static longer by +50.0 ")
+    assert finding.verdict is Verdict.REPRODUCED
+
+
+def test_curves_that_are_all_the_same_have_no_p_value() -> None:
+    study = study_with(0.0)
+    curves = study.curves.assign(**{keys.TRAIN_UPPER_BODY_ERROR: 0.1})
+    _, finding = judge(dataclasses.replace(study, curves=curves), UPPER)
+    assert finding.ours.startswith("+0.0\u00a0%;")
+    assert finding.ours.endswith("+0.0 %, p = n/a")
 
 
 def test_terms_that_are_not_in_use_are_named() -> None:
@@ -106,6 +179,39 @@ def test_prediction_limits_hold_the_next_value_as_often_as_they_say() -> None:
         inside += low <= row[5] <= high
     # Three binomial standard errors of 4000 draws at 95 % are 1.0 %.
     assert inside / len(draws) == pytest.approx(0.95, abs=0.0104)
+
+
+def test_limits_of_unshared_seeds_let_both_runs_vary() -> None:
+    """Means 10 of 9, 10, 11 and 8 of 7, 8, 8, 9: ratio 0.8, variances 1 and 2/3.
+
+    Parts 0.64 * 1 * (1 + 1/3) = 0.8533 and 2/3 * (1 + 1/4) = 0.8333, together 1.6867; degrees of
+    freedom 1.6867^2 / (0.8533^2 / 2 + 0.8333^2 / 3) = 4.777; t = 2.607; half the width is
+    2.607 * sqrt(1.6867) / 10 = 0.3386 around 1 - 0.8.
+    """
+    study = make_study(np.random.default_rng(0), seeds=range(4))
+    kept = (study.runs["arm"] == "gwo") | (study.runs["seed"] < 3)
+    curves = study.curves[study.curves["run"].isin(study.runs.index[kept])].copy()
+    levels = {("fixed", 0): 9, ("fixed", 1): 10, ("fixed", 2): 11}
+    levels |= {("gwo", 0): 7, ("gwo", 1): 8, ("gwo", 2): 8, ("gwo", 3): 9}
+    curves[keys.TRAIN_UPPER_BODY_ERROR] = [
+        float(levels[key]) for key in zip(curves["arm"], curves["seed"], strict=True)
+    ]
+    evidence = Evidence(Study(study.runs[kept], curves))
+    limits = evidence.improvement_limits(keys.TRAIN_UPPER_BODY_ERROR)
+    assert limits == pytest.approx((0.2 - 0.3386, 0.2 + 0.3386), abs=1e-4)
+
+
+@pytest.mark.parametrize(("rho", "spread"), [(0.8, 0.0), (0.95, 0.0), (0.8, 0.5)])
+def test_seed_noise_does_not_take_slow_noise_for_levels(rho: float, spread: float) -> None:
+    """The mean of 400 values with rho = 0.8 varies by 0.15 of their spread, with 0.95 by 0.30."""
+    generator = np.random.default_rng(4)
+    found = [
+        seed_noise(*(ar1_curves((5, 400), rho, spread, generator) for _ in range(2)))
+        for _ in range(60)
+    ]
+    between = np.mean([noise.between_seed_sd**2 for noise in found])
+    assert between == pytest.approx(spread**2, abs=0.05)
+    assert np.mean([noise.autocorrelation for noise in found]) == pytest.approx(rho, abs=0.03)
 
 
 def test_seed_noise_finds_what_the_curves_were_made_with() -> None:
