@@ -113,7 +113,11 @@ class Study:
         table = rows.pivot(index="seed", columns=ITERATION, values=metric)
         table = table.reindex(index=list(seeds)).sort_index(axis=1).dropna(axis=1)
         if table.shape[1] == 0:
-            raise StudyError(f"{metric}: no iteration in which all runs of arm {arm!r} have it")
+            without = rows.groupby(RUN)[metric].count().eq(0)
+            which = f"; never in {_list(without.index[without])}" if without.any() else ""
+            raise StudyError(
+                f"{metric}: no iteration in which all runs of arm {arm!r} have it{which}"
+            )
         values = table.to_numpy(dtype=np.float64, copy=True)
         return np.array(seeds), table.columns.to_numpy(dtype=np.int64, copy=True), values
 

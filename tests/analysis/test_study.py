@@ -88,6 +88,10 @@ def test_wrong_questions_name_what_there_is() -> None:
     never = Study(runs, curves.assign(b=np.nan))
     with pytest.raises(StudyError, match="b: no iteration in which all runs of arm 'gwo' have it"):
         never.matrix("b", "gwo")
+    one = curves.assign(b=curves["b"].where(curves["run"] != runs.index[-1]))
+    arm = str(runs["arm"].iloc[-1])
+    with pytest.raises(StudyError, match=f"have it; never in {runs.index[-1]}$"):
+        Study(runs, one).matrix("b", arm)
     with pytest.raises(StudyError, match=r"baseline 'static' is no arm; arms: fixed, gwo"):
         Study(*hand_made(), baseline="static")
 
