@@ -22,6 +22,7 @@ from tlr_exp.assembly import (
     build_robot_of,
     build_trainer,
 )
+from tlr_exp.cores import available_cores
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 from tlr_exp.motion.script import KeyframeError
 from tlr_exp.ppo import NonFiniteLossError
@@ -160,11 +161,6 @@ class Training:
             f"simulations stopped being finite (allowed: {limit:.1f}); their last finite states "
             f"and actions are in {path}"
         )
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:

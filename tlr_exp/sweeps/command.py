@@ -17,6 +17,7 @@ from tlr_exp.records.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
+from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
 from tlr_exp.sweeps.display import make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
 from tlr_exp.sweeps.monitor import Monitor, job_log
@@ -27,7 +28,6 @@ from tlr_exp.sweeps.session import Session
 from tlr_exp.sweeps.spec import Plan, PlannedJob
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
 from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask
-from tlr_exp.train import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
 
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
 

@@ -27,10 +27,7 @@ from tlr_exp.records.run_directory import (
 )
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
-from tlr_exp.sweeps.spec import RUN_LOG, read_spec
-from tlr_exp.sweeps.stopping import Watch
-from tlr_exp.sweeps.task import ELSEWHERE, one_line
-from tlr_exp.train import (
+from tlr_exp.running import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     check_inputs,
@@ -38,6 +35,9 @@ from tlr_exp.train import (
     open_run,
     train_in,
 )
+from tlr_exp.sweeps.spec import RUN_LOG, read_spec
+from tlr_exp.sweeps.stopping import Watch
+from tlr_exp.sweeps.task import ELSEWHERE, one_line
 
 PATIENCE_S = 1.0
 # A job that a cluster queues again can start before the end of the process that ran out of time.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -58,8 +57,3 @@ def _joblib_slots(n_jobs: int, num_jobs: int, cores: int) -> int:
     """joblib's own reading: -1 is all cores, -2 all but one, and so on."""
     wanted = cores + 1 + n_jobs if n_jobs < 0 else n_jobs
     return max(1, min(wanted, num_jobs))
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))

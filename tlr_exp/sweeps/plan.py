@@ -22,11 +22,12 @@ from tlr_exp.config import (
     run_identity,
     with_absolute_paths,
 )
+from tlr_exp.cores import available_cores
 from tlr_exp.records.runs import config_hash
+from tlr_exp.running import check_inputs, tracking_uri
 from tlr_exp.settings import Settings
-from tlr_exp.sweeps.parallel import available_cores, parallelism
+from tlr_exp.sweeps.parallel import parallelism
 from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
-from tlr_exp.train import check_inputs, tracking_uri
 
 UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job

@@ -19,6 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.cores import OPENMP_DEFAULTS
 from tlr_exp.records.following import WatchedProcess
 from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING
 from tlr_exp.records.storage import StorageError
@@ -26,7 +27,6 @@ from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES
 from tlr_exp.sweeps.spec import log_path, read_spec
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
-from tlr_exp.train import OPENMP_DEFAULTS
 
 JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
 ELSEWHERE = 75  # exit status of a job whose run another process trains (EX_TEMPFAIL)
