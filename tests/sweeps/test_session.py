@@ -13,7 +13,7 @@ from tlr_exp.sweeps import session as sessions
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.session import MAX_STARTS, Session
 from tlr_exp.sweeps.spec import PlannedJob, read_spec
-from tlr_exp.sweeps.stopping import Left, Stopper
+from tlr_exp.sweeps.stopping import END, STOP, Left, Stopper, request_stop
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -134,11 +134,41 @@ def test_a_stopped_sweep_hands_out_nothing_more(begin, sweep):
 
     def launch(jobs):
         sweep.write_job(0, "interrupted")
-        session.stopper.stopping = True
+        request_stop(sweep.path, END)
 
     session._launch = launch
     session.work_off()
     assert statuses(sweep) == ["interrupted", "waiting", "waiting"]
+
+
+def test_the_file_of_a_person_stops_a_sweep_and_fails_no_job(begin, sweep):
+    launcher = Launcher(sweep, {0: "interrupted", 1: "waiting", 2: "waiting"})
+
+    def launch(jobs):
+        (sweep.path / STOP).touch()  # while job 0 runs; the others find it and do not start
+        launcher(jobs)
+
+    session = begin(launch)
+    session.work_off()
+    assert launcher.given == [[0, 1, 2]]
+    assert statuses(sweep) == ["interrupted", "waiting", "waiting"]
+    assert session.stopper.stopping
+
+
+def test_the_file_ends_the_waiting_for_another_process(begin, sweep, make_run, monkeypatch):
+    runs = [make_run(num, "running") for num in range(3)]
+    monkeypatch.setattr(sessions.RunDirectory, "is_live", lambda run: True)
+    waited = []
+
+    def wait(seconds: float) -> None:
+        waited.append(seconds)
+        assert len(waited) < 3, "nobody looks at the file"
+        (sweep.path / STOP).touch()
+
+    monkeypatch.setattr(sessions.time, "sleep", wait)
+    begin(Launcher(sweep)).work_off()
+    assert len(waited) == 1
+    assert [run.status for run in runs] == ["running"] * 3
 
 
 @pytest.mark.parametrize("error", [LauncherError("no nodes"), Left()])

@@ -67,6 +67,14 @@ def test_signals_escalate_and_the_handlers_come_back(tmp_path):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_a_file_that_a_person_made_counts_as_a_signal_does(tmp_path):
+    stopper = Stopper(tmp_path)
+    assert not stopper.stopping
+    (tmp_path / "stop").touch()
+    assert stopper.stopping
+    assert stopper.interrupts == 0
+
+
 def test_another_thread_can_end_the_waiting_of_the_main_one(tmp_path):
     with Stopper(tmp_path) as stopper:
         threading.Timer(0.2, stopper.leave).start()

@@ -80,7 +80,9 @@ class Monitor(threading.Thread):
 
     def _note(self, states: Sequence[JobState]) -> str:
         if self.stopper.stopping and any(state.status == RUNNING for state in states):
-            return "stopping after this iteration; Ctrl-C again kills"
+            # The first only asks for what a stop file has asked for already.
+            how = "again" if self.stopper.interrupts else "twice"
+            return f"stopping after this iteration; Ctrl-C {how} kills"
         elsewhere = self._elsewhere()
         return f"{len(elsewhere)} trained by others" if elsewhere else ""
 

@@ -44,12 +44,15 @@ class Stopper:
     """Turns the first SIGINT or SIGTERM into END, a second SIGINT into KILL, a third into Ctrl-C.
 
     A context: the handlers are those from before outside of it.
+
+    Attributes:
+        interrupts: how many SIGINT have come.
     """
 
     def __init__(self, sweep: Path) -> None:
         self.sweep = sweep
         self.interrupts = 0
-        self.stopping = False
+        self._signalled = False
         self._leaving = False
         self._before: dict[int, Callable | int | None] = {}
 
@@ -68,6 +71,11 @@ class Stopper:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    @property
+    def stopping(self) -> bool:
+        """Whether the sweep is to end, asked for by a signal or by whoever made the file."""
+        return self._signalled or stop_requested(self.sweep) is not None
+
     def leave(self) -> None:
         """From another thread: let `Left` be raised in the main one, wherever that waits."""
         self._leaving = True
@@ -83,7 +91,7 @@ class Stopper:
             self.interrupts += 1
         if self.interrupts > 2:
             raise KeyboardInterrupt
-        self.stopping = True
+        self._signalled = True
         request_stop(self.sweep, KILL if self.interrupts == 2 else END)
 
 
