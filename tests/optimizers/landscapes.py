@@ -8,6 +8,28 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from tlr_exp.optimizers.pack import PackSearch
+
+
+def box_search(
+    lower: float,
+    upper: float,
+    dims: int,
+    pack_size: int = 30,
+    iterations: int = 50,
+    seed: int = 0,
+    **settings: Any,
+) -> PackSearch:
+    """What a search is told over [lower, upper]^dims, in float64."""
+    return PackSearch(
+        torch.full((dims,), lower, dtype=torch.float64),
+        torch.full((dims,), upper, dtype=torch.float64),
+        pack_size,
+        iterations,
+        torch.Generator().manual_seed(seed),
+        **settings,
+    )
+
 
 class Recorder:
     """Wraps a function and keeps every position it was asked for, and its values."""

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 import torch
 from cmaes import CMA
-from landscapes import Recorder, constant
+from landscapes import Recorder, box_search, constant
 from torch import Tensor
 
 from tlr_exp.objective import RankDeviation
 from tlr_exp.optimizers import cma_es
+from tlr_exp.optimizers.base import SearchResult
 from tlr_exp.optimizers.cma_es import CmaEs, cma_search
 from tlr_exp.optimizers.gwo import grey_wolf_search
-
-LOWER = torch.zeros(4, dtype=torch.float64)
 
 
 def ridge(x: Tensor) -> Tensor:
@@ -26,9 +25,16 @@ def ridge(x: Tensor) -> Tensor:
     return (turned.square() * torch.tensor([1.0, 1e3, 1.0, 1e3])[:, None]).sum(dim=0)
 
 
-def search(function: Any, seed: int = 0, iterations: int = 50, **settings: Any):
-    generator = torch.Generator().manual_seed(seed)
-    return cma_search(function, LOWER, LOWER + 1.0, 30, iterations, generator, **settings)
+def search(
+    function: Any,
+    seed: int = 0,
+    iterations: int = 50,
+    dims: int = 4,
+    start: Tensor | None = None,
+    separable: bool = False,
+) -> SearchResult:
+    task = box_search(0.0, 1.0, dims, iterations=iterations, seed=seed, start=start)
+    return cma_search(function, task, initial_std=0.3, separable=separable, resampling=5)
 
 
 def test_is_the_library_asked_and_told() -> None:
@@ -57,10 +63,7 @@ def test_is_the_library_asked_and_told() -> None:
 def test_adapts_to_a_valley_that_wolves_do_not_see(separable: bool) -> None:
     found = [search(ridge, seed, separable=separable).value for seed in range(3)]
     wolves = [
-        grey_wolf_search(
-            ridge, LOWER, LOWER + 1.0, 30, 50, torch.Generator().manual_seed(seed)
-        ).value
-        for seed in range(3)
+        grey_wolf_search(ridge, box_search(0.0, 1.0, 4, seed=seed)).value for seed in range(3)
     ]
     if separable:  # it sees the axes only
         assert max(found) < 1.0

@@ -9,6 +9,7 @@ import pytest
 import torch
 from landscapes import (
     Recorder,
+    box_search,
     constant,
     plateau,
     rastrigin,
@@ -37,13 +38,7 @@ def search(
     **settings: Any,
 ) -> SearchResult:
     settings = {"pack_size": PACK_SIZE, "iterations": ITERATIONS, **settings}
-    return grey_wolf_search(
-        function,
-        torch.full((DIMS,), lower, dtype=torch.float64),
-        torch.full((DIMS,), upper, dtype=torch.float64),
-        generator=torch.Generator().manual_seed(seed),
-        **settings,
-    )
+    return grey_wolf_search(function, box_search(lower, upper, DIMS, seed=seed, **settings))
 
 
 def mealpy_search(function: Callable[[Any], Any], seed: int) -> float:
@@ -117,14 +112,7 @@ def test_one_move_by_hand() -> None:
         expected.append(min(max(moved, 0.0), 1.0))
 
     recorder = Recorder(lambda x: x[:, 0])
-    grey_wolf_search(
-        recorder,
-        torch.zeros(1, dtype=torch.float64),
-        torch.ones(1, dtype=torch.float64),
-        pack_size=4,
-        iterations=1,
-        generator=torch.Generator().manual_seed(5),
-    )
+    grey_wolf_search(recorder, box_search(0.0, 1.0, 1, pack_size=4, iterations=1, seed=5))
     assert torch.equal(recorder.packs[0], pack)
     torch.testing.assert_close(recorder.packs[1].flatten().tolist(), expected)
 
@@ -247,7 +235,7 @@ def test_a_persistent_pack_of_another_size_is_refused() -> None:
         ({"pack_size": 2}, r"pack_size must be .* at least 3, got 2"),
         ({"pack_size": 30.0}, r"pack_size must be a whole number"),
         ({"iterations": 0}, r"iterations must be .* at least 1, got 0"),
-        ({"tie_break": "last"}, r"one of \['first', 'largest_norm'\], got 'last'"),
+        ({"tie_break": "last"}, r"tie_break is 'last'; allowed are first, largest_norm"),
         ({"warm_start": "yes"}, r"warm_start must be true or false, got 'yes'"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import torch
-from landscapes import Recorder, shifted_rastrigin, shifted_sphere
+from landscapes import Recorder, box_search, shifted_rastrigin, shifted_sphere
 from mealpy import FloatVar
 from mealpy.swarm_based.PSO import OriginalPSO
 
@@ -15,18 +15,12 @@ from tlr_exp.objective import RankDeviation
 from tlr_exp.optimizers.pso import ParticleSwarm, particle_swarm_search
 
 DIMS, PACK_SIZE, ITERATIONS = 6, 30, 50
+CONSTRICTION = {"inertia": 0.7298, "cognitive": 1.49618, "social": 1.49618}
 
 
-def search(function: Callable[..., Any], seed: int = 0, **settings: Any) -> float:
-    return particle_swarm_search(
-        function,
-        torch.full((DIMS,), -5.0, dtype=torch.float64),
-        torch.full((DIMS,), 5.0, dtype=torch.float64),
-        PACK_SIZE,
-        ITERATIONS,
-        torch.Generator().manual_seed(seed),
-        **settings,
-    ).value
+def search(function: Callable[..., Any], seed: int = 0) -> float:
+    task = box_search(-5.0, 5.0, DIMS, PACK_SIZE, ITERATIONS, seed)
+    return particle_swarm_search(function, task, **CONSTRICTION).value
 
 
 def mealpy_search(function: Callable[..., Any], seed: int) -> float:
@@ -62,11 +56,8 @@ def test_the_first_move_by_hand() -> None:
         expected.append(min(max(here + min(max(velocity, -1.0), 1.0), 0.0), 1.0))
 
     recorder = Recorder(lambda position: position[:, 0])
-    lower = torch.zeros(1, dtype=torch.float64)
-    generator = torch.Generator().manual_seed(4)
-    particle_swarm_search(
-        recorder, lower, lower + 1.0, 3, 1, generator, inertia=0.5, cognitive=1.0, social=2.0
-    )
+    task = box_search(0.0, 1.0, 1, pack_size=3, iterations=1, seed=4)
+    particle_swarm_search(recorder, task, inertia=0.5, cognitive=1.0, social=2.0)
     assert torch.equal(recorder.packs[0], x)
     torch.testing.assert_close(recorder.packs[1].flatten().tolist(), expected)
 
@@ -74,10 +65,8 @@ def test_the_first_move_by_hand() -> None:
 def test_a_particle_that_meets_a_wall_loses_that_part_of_its_velocity() -> None:
     # Inertia alone: without a wall a particle never stops; at one it stays for ever.
     recorder = Recorder(lambda position: position[:, 0])
-    lower = torch.zeros(2, dtype=torch.float64)
-    generator = torch.Generator().manual_seed(1)
-    factors = {"inertia": 1.0, "cognitive": 0.0, "social": 0.0}
-    particle_swarm_search(recorder, lower, lower + 1.0, 10, 500, generator, **factors)
+    task = box_search(0.0, 1.0, 2, pack_size=10, iterations=500, seed=1)
+    particle_swarm_search(recorder, task, inertia=1.0, cognitive=0.0, social=0.0)
     last = recorder.packs[-1]
     assert ((last == 0.0) | (last == 1.0)).all()
     assert torch.equal(last, recorder.packs[-2])

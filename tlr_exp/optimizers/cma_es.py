@@ -1,6 +1,7 @@
 """Covariance matrix adaptation (Hansen's CMA-ES), by the library cmaes."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,25 +10,18 @@ from cmaes import CMA, SepCMA
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_flag, check_integer, check_number
-from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, best_first
+from tlr_exp.optimizers.pack import PackOptimizer, PackSearch, best_first
 
 _NUM_SEEDS = 2**32  # what NumPy's RandomState takes
 
 
 def cma_search(
     objective_fn: Callable[[Tensor], Tensor],
-    lower: Tensor,
-    upper: Tensor,
-    pack_size: int,
-    iterations: int,
-    generator: torch.Generator,
-    tie_break: TieBreak = "first",
-    start: Tensor | None = None,
-    initial_std: float = 0.3,
-    separable: bool = False,
-    resampling: int = 5,
+    task: PackSearch,
+    initial_std: float,
+    separable: bool,
+    resampling: int,
 ) -> SearchResult:
     """Minimise a function over a box.
 
@@ -43,46 +37,39 @@ def cma_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        lower: lower bounds [dims]. Its device and dtype are those at which positions are valued;
-            the distribution itself is float64 on the CPU.
-        upper: upper bounds [dims].
-        pack_size: samples of a generation, at least 4.
-        iterations: number of generations after the first.
-        generator: source of the seeds and of the first means, on the device of `lower`.
-        tie_break: in which order equally good samples are ranked, see `pack`.
-        start: the first mean [1, dims] instead of a uniform one.
+        task: a generation has at least 4 samples; the tie-break is the order in which equally good
+            ones are ranked; `start` [1, dims] is the first mean instead of a uniform one. The
+            distribution itself is float64 on the CPU, whatever the box.
         initial_std: standard deviation at a start, share of the box.
         separable: adapt the diagonal alone (sep-CMA-ES, Ros and Hansen 2008), for many dimensions.
         resampling: see above.
 
-    Returns:
-        The best position found; `evaluations` is pack_size * (iterations + 1).
-
     Raises:
         ValueError: a value is not a number.
     """
-    tally = Tally(objective_fn, lower, upper, tie_break)
+    tally = task.tally(objective_fn)
+    lower, width, start = task.lower, task.upper - task.lower, task.start
     kind = SepCMA if separable else CMA
     bounds = np.tile([0.0, 1.0], (len(lower), 1))
-    mean = None if start is None else ((start[0] - lower) / (upper - lower)).cpu().double().numpy()
+    mean = None if start is None else ((start[0] - lower) / width).cpu().double().numpy()
     distribution = None
     pack, values = lower[None], lower[:1]
-    for _ in range(iterations + 1):
+    for _ in range(task.iterations + 1):
         if distribution is None or distribution.should_stop():
-            seed, uniform = _draw(lower, generator)
+            seed, uniform = _draw(lower, task.generator)
             distribution = kind(
                 mean=uniform if mean is None else mean,
                 sigma=initial_std,
                 bounds=bounds,
                 n_max_resampling=resampling,
                 seed=seed,
-                population_size=pack_size,
+                population_size=task.pack_size,
             )
             mean = None
-        samples = np.stack([distribution.ask() for _ in range(pack_size)])
-        pack = (lower + (upper - lower) * torch.from_numpy(samples).to(lower)).clamp(lower, upper)
+        samples = np.stack([distribution.ask() for _ in range(task.pack_size)])
+        pack = (lower + width * torch.from_numpy(samples).to(lower)).clamp(lower, task.upper)
         values = tally(pack)
-        order = best_first(pack, values, tie_break).tolist()
+        order = best_first(pack, values, task.tie_break).tolist()
         distribution.tell([(samples[i], values[i].item()) for i in order])
     return tally.result(pack, values)
 
@@ -117,18 +104,8 @@ class CmaEs(PackOptimizer):
         check_number("initial_std", initial_std, 1e-6, 1.0)
         check_flag("separable", separable)
         check_integer("resampling", resampling, 1)
-        self.initial_std = initial_std
-        self.separable = separable
-        self.resampling = resampling
-
-    def search(self, objective_fn: WeightFunction) -> SearchResult:
-        """One CMA-ES with the settings of this optimizer."""
-        return cma_search(
-            objective_fn,
-            **self.search_settings(),
-            initial_std=self.initial_std,
-            separable=self.separable,
-            resampling=self.resampling,
+        self.algorithm = partial(
+            cma_search, initial_std=initial_std, separable=separable, resampling=resampling
         )
 
 

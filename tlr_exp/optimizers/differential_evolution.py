@@ -1,14 +1,15 @@
 """Differential evolution (Storn and Price 1997)."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import WeightFunction
-from tlr_exp.optimizers.base import SearchResult, check_choice, check_number
-from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, first_pack, improves
+from tlr_exp.constraints import check_choice
+from tlr_exp.optimizers.base import SearchResult, check_number
+from tlr_exp.optimizers.pack import PackOptimizer, PackSearch, improves
 
 Strategy = Literal["rand1bin", "best1bin"]
 MIN_PACK_SIZE = 4  # a target and three others
@@ -16,16 +17,10 @@ MIN_PACK_SIZE = 4  # a target and three others
 
 def differential_evolution_search(
     objective_fn: Callable[[Tensor], Tensor],
-    lower: Tensor,
-    upper: Tensor,
-    pack_size: int,
-    iterations: int,
-    generator: torch.Generator,
-    tie_break: TieBreak = "first",
-    start: Tensor | None = None,
-    strategy: Strategy = "rand1bin",
-    scale: float = 0.5,
-    crossover: float = 0.9,
+    task: PackSearch,
+    strategy: Strategy,
+    scale: float,
+    crossover: float,
 ) -> SearchResult:
     """Minimise a function over a box by DE/rand/1/bin or DE/best/1/bin.
 
@@ -41,37 +36,29 @@ def differential_evolution_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        lower: lower bounds [dims]. Its device and dtype are those of the search.
-        upper: upper bounds [dims].
-        pack_size: size of the population, at least 4.
-        iterations: number of generations after the first population.
-        generator: source of all random numbers, on the device of `lower`.
-        tie_break: see above.
-        start: positions [n, dims] that replace the first n of the random population.
+        task: the population has at least 4 members; for its tie-break see above.
         strategy: `rand1bin` or `best1bin`.
         scale: F, factor of the difference.
         crossover: CR, probability of a component of the mutant.
 
-    Returns:
-        The best position found; `evaluations` is pack_size * (iterations + 1).
-
     Raises:
         ValueError: a value is not a number.
     """
-    tally = Tally(objective_fn, lower, upper, tie_break)
-    pack = first_pack(lower, upper, pack_size, generator, start)
+    tally = task.tally(objective_fn)
+    pack = task.first_pack()
     values = tally(pack)
-    for _ in range(iterations):
-        base, plus, minus = pack[_different(pack_size, generator).T]
+    for _ in range(task.iterations):
+        base, plus, minus = pack[_different(len(pack), task.generator).T]
         if strategy == "best1bin":
             base = tally.best
-        taken = _crossing(pack, crossover, generator)
-        trial = torch.where(taken, base + scale * (plus - minus), pack).clamp(lower, upper)
+        taken = _crossing(pack, crossover, task.generator)
+        trial = torch.where(taken, base + scale * (plus - minus), pack)
+        trial = trial.clamp(task.lower, task.upper)
         trial_values = tally(trial)
-        if tie_break == "first":
+        if task.tie_break == "first":
             accepted = trial_values <= values
         else:
-            accepted = ~improves(pack, values, trial, trial_values, tie_break)
+            accepted = ~improves(pack, values, trial, trial_values, task.tie_break)
         pack = torch.where(accepted[:, None], trial, pack)
         values = torch.where(accepted, trial_values, values)
     return tally.result(pack, values)
@@ -105,18 +92,8 @@ class DifferentialEvolution(PackOptimizer):
         check_choice("strategy", strategy, get_args(Strategy))
         check_number("scale", scale, 0.0, 2.0)
         check_number("crossover", crossover, 0.0, 1.0)
-        self.strategy: Strategy = strategy
-        self.scale = scale
-        self.crossover = crossover
-
-    def search(self, objective_fn: WeightFunction) -> SearchResult:
-        """One differential evolution with the settings of this optimizer."""
-        return differential_evolution_search(
-            objective_fn,
-            **self.search_settings(),
-            strategy=self.strategy,
-            scale=self.scale,
-            crossover=self.crossover,
+        self.algorithm = partial(
+            differential_evolution_search, strategy=strategy, scale=scale, crossover=crossover
         )
 
 

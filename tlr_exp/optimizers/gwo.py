@@ -8,21 +8,12 @@ from torch import Tensor
 
 from tlr_exp.objective import WeightFunction
 from tlr_exp.optimizers.base import SearchResult, check_flag
-from tlr_exp.optimizers.pack import PackOptimizer, Tally, TieBreak, best_first, first_pack
+from tlr_exp.optimizers.pack import PackOptimizer, PackSearch, TieBreak, best_first
 
 NUM_LEADERS = 3  # alpha, beta and delta
 
 
-def grey_wolf_search(
-    objective_fn: Callable[[Tensor], Tensor],
-    lower: Tensor,
-    upper: Tensor,
-    pack_size: int,
-    iterations: int,
-    generator: torch.Generator,
-    tie_break: TieBreak = "first",
-    start: Tensor | None = None,
-) -> SearchResult:
+def grey_wolf_search(objective_fn: Callable[[Tensor], Tensor], task: PackSearch) -> SearchResult:
     """Minimise a function over a box.
 
     In iteration t of T every wolf X moves, in every dimension, to the mean over the three
@@ -36,31 +27,22 @@ def grey_wolf_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        lower: lower bounds [dims]. Its device and dtype are those of the search.
-        upper: upper bounds [dims].
-        pack_size: number of wolves, at least 3.
-        iterations: number of moves T, at least 1.
-        generator: source of all random numbers, on the device of `lower`.
-        tie_break: which of equally good positions leads. `first`: the one found first.
-            `largest_norm`: the one with the largest Euclidean norm, and of these the first.
-        start: positions [n, dims] that replace the first n of the random pack.
-
-    Returns:
-        The best position found; `evaluations` is pack_size * (iterations + 1).
+        task: the pack has at least 3 wolves; its tie-break says which of equally good positions
+            leads.
 
     Raises:
-        ValueError: a setting outside its range, or a value that is not a number.
+        ValueError: a value is not a number.
     """
-    tally = Tally(objective_fn, lower, upper, tie_break)
-    pack = first_pack(lower, upper, pack_size, generator, start)
+    tally = task.tally(objective_fn)
+    pack = task.first_pack()
     values = tally(pack)
-    leaders, leader_values = _leaders(pack, values, tie_break)
-    for iteration in range(iterations):
-        reach = 2.0 - 2.0 * iteration / iterations
-        pack = _move(pack, leaders, reach, generator).clamp(lower, upper)
+    leaders, leader_values = _leaders(pack, values, task.tie_break)
+    for iteration in range(task.iterations):
+        reach = 2.0 - 2.0 * iteration / task.iterations
+        pack = _move(pack, leaders, reach, task.generator).clamp(task.lower, task.upper)
         values = tally(pack)
         leaders, leader_values = _leaders(
-            torch.cat([leaders, pack]), torch.cat([leader_values, values]), tie_break
+            torch.cat([leaders, pack]), torch.cat([leader_values, values]), task.tie_break
         )
     return tally.result(pack, values)
 
@@ -80,6 +62,7 @@ class GreyWolfOptimizer(PackOptimizer):
         ValueError: a setting outside its range.
     """
 
+    algorithm = staticmethod(grey_wolf_search)
     min_pack_size = NUM_LEADERS
     why_min_pack_size = "the pack follows its best three wolves"
 
@@ -95,8 +78,8 @@ class GreyWolfOptimizer(PackOptimizer):
         self.pack = self.lower.new_empty(0, self.num_terms)  # none before the first search
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
-        """One grey wolf search with the settings of this optimizer."""
-        result = grey_wolf_search(objective_fn, **self.search_settings())
+        """As `PackOptimizer.search`; the pack that it leaves is kept if it is to live on."""
+        result = super().search(objective_fn)
         if self.persistent:
             self.pack = torch.cat([result.position[None], result.pack[1:]])
         return result

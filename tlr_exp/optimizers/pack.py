@@ -9,12 +9,15 @@ stated tie-break, which decides among equal values alone:
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
-from tlr_exp.optimizers.base import SearchResult, check_choice, check_flag, check_integer
+from tlr_exp.constraints import check_choice
+from tlr_exp.objective import WeightFunction
+from tlr_exp.optimizers.base import SearchResult, check_flag, check_integer
 from tlr_exp.optimizers.box import BoxOptimizer, uniform_positions
 
 TieBreak = Literal["first", "largest_norm"]
@@ -41,20 +44,6 @@ def improves(
         more = positions.norm(dim=1) > old_positions.norm(dim=1)
         better |= (values == old_values) & more
     return better
-
-
-def first_pack(
-    lower: Tensor,
-    upper: Tensor,
-    pack_size: int,
-    generator: torch.Generator,
-    start: Tensor | None = None,
-) -> Tensor:
-    """A random pack [pack_size, dims], whose first n are `start` [n, dims] clipped to the box."""
-    pack = uniform_positions(lower, upper, pack_size, generator)
-    if start is not None:
-        pack[: len(start)] = start.to(pack).clamp(lower, upper)
-    return pack
 
 
 class BudgetSpent(Exception):
@@ -124,6 +113,43 @@ class Tally:
         )
 
 
+@dataclass(frozen=True)
+class PackSearch:
+    """What every search of a pack is told: where to look, how long, and by which random numbers.
+
+    It evaluates its pack once at the start and after each of its moves, `pack_size` *
+    (`iterations` + 1) positions in all.
+
+    Attributes:
+        lower: lower bounds [dims]. Its device and dtype are those of the positions.
+        upper: upper bounds [dims].
+        pack_size: number of positions in the pack.
+        iterations: number of moves of the pack, at least 1.
+        generator: source of all random numbers, on the device of `lower`.
+        tie_break: which of equally good positions wins.
+        start: positions [n, dims] that replace the first n of the random pack.
+    """
+
+    lower: Tensor
+    upper: Tensor
+    pack_size: int
+    iterations: int
+    generator: torch.Generator
+    tie_break: TieBreak = "first"
+    start: Tensor | None = None
+
+    def tally(self, objective_fn: Callable[[Tensor], Tensor]) -> Tally:
+        """A new tally of the function over this box."""
+        return Tally(objective_fn, self.lower, self.upper, self.tie_break)
+
+    def first_pack(self) -> Tensor:
+        """A random pack [pack_size, dims], whose first positions are `start`, clipped."""
+        pack = uniform_positions(self.lower, self.upper, self.pack_size, self.generator)
+        if self.start is not None:
+            pack[: len(self.start)] = self.start.to(pack).clamp(self.lower, self.upper)
+        return pack
+
+
 class WeightSearch(BoxOptimizer):
     """A `BoxOptimizer` that looks for small J with a known number of evaluations.
 
@@ -179,7 +205,7 @@ class BudgetSearch(WeightSearch):
 
 
 class PackOptimizer(WeightSearch):
-    """A `WeightSearch` whose pack is evaluated at the start and after each of its moves.
+    """A `WeightSearch` by an `algorithm` that moves a pack, see `PackSearch`.
 
     Args:
         pack_size: number of positions in the pack.
@@ -187,8 +213,12 @@ class PackOptimizer(WeightSearch):
         warm_start: the search starts with the last iteration's weights in its pack; in the first
             iteration with weights 1, clipped to the box.
         Others: see `WeightSearch`.
+
+    Attributes:
+        algorithm: the search with its own settings, which a subclass gives.
     """
 
+    algorithm: Callable[[WeightFunction, PackSearch], SearchResult]
     min_pack_size = 1
     why_min_pack_size = ""
 
@@ -218,17 +248,18 @@ class PackOptimizer(WeightSearch):
             )
         self.iterations = moves
 
-    def search_settings(self) -> dict[str, Any]:
-        """The arguments that every search of a pack takes."""
-        return {
-            "lower": self.lower,
-            "upper": self.upper,
-            "pack_size": self.pack_size,
-            "iterations": self.iterations,
-            "generator": self.generator,
-            "tie_break": self.tie_break,
-            "start": self.start(),
-        }
+    def search(self, objective_fn: WeightFunction) -> SearchResult:
+        """One search by `algorithm` with the settings of this optimizer."""
+        task = PackSearch(
+            self.lower,
+            self.upper,
+            self.pack_size,
+            self.iterations,
+            self.generator,
+            self.tie_break,
+            self.start(),
+        )
+        return self.algorithm(objective_fn, task)
 
     def start(self) -> Tensor | None:
         """Positions [n, num_terms] that a warm start puts into the first pack."""
