@@ -1,6 +1,7 @@
 """What only the C engine promises: same bits, exact resume, resets that touch nothing else."""
 
 import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,20 @@ def test_same_bits_at_any_thread_count(make, targets, assert_same_bits) -> None:
     one, three = _run(make(1), joint_targets), _run(make(3), joint_targets)
     for left, right in zip(one, three, strict=True):
         assert_same_bits(left, right)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity") or os.cpu_count() == 1,
+    reason="needs two cores to choose from",
+)
+def test_no_number_of_threads_means_the_cores_of_this_process_not_of_the_machine(robot):
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        assert NativePhysics(robot, 4).num_threads == 1
+        assert NativePhysics(robot, 4, num_threads=3).num_threads == 3
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def test_reset_leaves_the_others_bit_for_bit(make, start_states, targets, assert_same_bits) -> None:

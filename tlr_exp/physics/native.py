@@ -12,6 +12,7 @@ import torch
 from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
+from tlr_exp.cores import available_cores
 from tlr_exp.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, PELVIS
 from tlr_exp.physics.state import (
     PhysicsState,
@@ -31,7 +32,7 @@ class NativePhysics:
     Args:
         robot: the robot; its model is copied.
         num_envs: number of simulations.
-        num_threads: threads that share the simulations; 0 takes all cores.
+        num_threads: threads that share the simulations; 0 takes all cores of this process.
         device: where the returned states live.
 
     Raises:
@@ -58,7 +59,9 @@ class NativePhysics:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         # persistent: the kinematics of the new state, computed for the state that is returned,
         # are the first part of the next step and cost nothing.
-        self._batch = Batch(model, num_envs, num_threads, persistent=True)
+        # MuJoCo's own 0 means all cores of the machine, of which a cluster gives a job a few.
+        self._batch = Batch(model, num_envs, num_threads or available_cores(), persistent=True)
+        self.num_threads = self._batch.nthread
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
         self._ctrl = self._batch.bind("ctrl")
