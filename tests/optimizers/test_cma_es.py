@@ -71,6 +71,15 @@ def test_adapts_to_a_valley_that_wolves_do_not_see(separable: bool) -> None:
         assert max(found) < 1e-3 * min(wolves)
 
 
+def test_separable_in_one_dimension_is_cma() -> None:
+    one, other = (
+        search(lambda x: (x[:, 0] - 0.3).square(), dims=1, separable=separable)
+        for separable in (True, False)
+    )
+    assert torch.equal(one.position, other.position)
+    assert one.value < 1e-10
+
+
 def test_starts_anew_where_all_values_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     means = []
 

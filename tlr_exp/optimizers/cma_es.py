@@ -49,7 +49,8 @@ def cma_search(
     """
     tally = task.tally(objective_fn)
     lower, width, start = task.lower, task.upper - task.lower, task.start
-    kind = SepCMA if separable else CMA
+    # One weight has no covariance to leave out, and the library refuses it.
+    kind = SepCMA if separable and len(lower) > 1 else CMA
     bounds = np.tile([0.0, 1.0], (len(lower), 1))
     mean = None if start is None else ((start[0] - lower) / width).cpu().double().numpy()
     distribution = None
