@@ -1,12 +1,11 @@
 """Tables of how two arms compare: claims, the paper's protocol, seeds, tests, speed."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from analysis.endpoints import area_under_curve, final_value, iterations_to_reach, tail_mean
+from analysis.endpoints import iterations_to_reach, tail_mean
 from analysis.quantities import quantity
 from analysis.report.cells import (
     MISSING,
@@ -19,61 +18,13 @@ from analysis.report.cells import (
 )
 from analysis.report.claims import Claim, Finding
 from analysis.report.evidence import SEED, Evidence
-from analysis.statistics.comparison import Comparison
+from analysis.report.outcomes import EVALUATION, TRAINING, Outcome
 from analysis.statistics.curves import compare_curves
 from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
 from analysis.statistics.significance import holm
 from tlr_exp import keys
 
-Reduction = Callable[[np.ndarray, np.ndarray], np.ndarray]  # curves [n, T], iterations -> [n]
-
-TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
-EVALUATION = tuple(
-    keys.EVAL_PREFIX + name for name in ("upper_body_error_m", "lower_body_error_m", "survival")
-)
 SMOOTHING_SHARE = 0.02  # of training, before a curve is held against a level
-_DIGITS = {"m": 4, "control steps": 1}  # of a value in this unit; other values have three
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One metric at one endpoint, compared over the seeds, unpaired and (if possible) paired."""
-
-    metric: str
-    endpoint: str
-    unpaired: Comparison
-    paired: Comparison | None
-
-    @property
-    def name(self) -> str:
-        return f"{quantity(self.metric).name}, {self.endpoint}"
-
-    @property
-    def digits(self) -> int:
-        return digits_of(self.metric)
-
-
-def digits_of(metric: str) -> int:
-    """Decimals of a value of this metric in a table."""
-    return _DIGITS.get(quantity(metric).unit, 3)
-
-
-def outcomes(evidence: Evidence) -> list[Outcome]:
-    """Every metric of the study at its endpoints; metrics that the study lacks are left out."""
-    plan = [
-        *((metric, "last 20 %", tail_mean) for metric in TRAINING),
-        *((metric, "whole training", area_under_curve) for metric in TRAINING),
-        *((metric, "last", final_value) for metric in EVALUATION),
-    ]
-    return [_outcome(evidence, *row) for row in plan if row[0] in evidence.metric_names]
-
-
-def _outcome(evidence: Evidence, metric: str, endpoint: str, reduce: Reduction) -> Outcome:
-    at, first, second = evidence.common(metric)
-    values = reduce(first, at), reduce(second, at)
-    unpaired = evidence.compare(*values, metric, paired=False)
-    paired = evidence.compare(*values, metric, paired=True) if evidence.paired else None
-    return Outcome(metric, endpoint, unpaired, paired)
 
 
 def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
@@ -86,7 +37,8 @@ def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
         "The paper's claims",
         ("claim", "paper", "ours", "verdict", "why"),
         rows,
-        "Brackets hold 95 % intervals with the seed as the unit.",
+        "Brackets hold 95 % intervals with the seed as the unit. Each claim is judged by itself: "
+        "nothing is adjusted for their number.",
     )
 
 
@@ -99,11 +51,11 @@ def protocol_table(evidence: Evidence) -> Table:
         rows.append(
             (
                 quantity(metric).name,
-                f"{found.average_improvement:+.2%}",
+                f"{100 * found.average_improvement:+.2f}{NBSP}%",
                 p_text(found.iteration_test),
                 str(rest.num_iterations),
-                f"{rest.lag_one:.3f}",
-                f"{rest.effective_sample_size:.1f}",
+                number(rest.lag_one, 3),
+                number(rest.effective_sample_size, 1),
             )
         )
     header = (
@@ -116,22 +68,22 @@ def protocol_table(evidence: Evidence) -> Table:
         "averaged curves differ on average, which the curves of any two groups of seeds do, and it "
         "takes neighbouring iterations for independent, which they are not."
     )
-    return Table("The paper's analysis", header, tuple(rows), note)
+    return Table(f"The paper's analysis: {_against(evidence)}", header, tuple(rows), note)
 
 
 def false_positive_table(rates: FalsePositiveRates) -> Table:
     """How often each protocol calls nothing something."""
     rows = (
-        ("paired t over iterations (the paper's)", f"{rates.iteration_t:.1%}"),
-        (f"the same, p below {EXTREME_P:.0e}", f"{rates.iteration_t_extreme:.1%}"),
-        ("Welch t over seeds", f"{rates.welch:.1%}"),
-        ("permutation of seeds", f"{rates.permutation:.1%}"),
+        ("paired t over iterations (the paper's)", _percent(rates.iteration_t)),
+        (f"the same, p below {EXTREME_P:.0e}", _percent(rates.iteration_t_extreme)),
+        ("Welch t over seeds", _percent(rates.welch)),
+        ("permutation of seeds", _percent(rates.permutation)),
     )
     note = (
         f"{rates.num_studies} simulated studies without any difference between the arms, "
         f"{rates.num_seeds[0]} seeds each and {rates.num_iterations} iterations, with the "
         "autocorrelation and the spread between seeds of this study's upper-body error. A sound "
-        f"test calls {rates.alpha:.0%} of them significant at {rates.alpha:g}, or fewer."
+        f"test calls {100 * rates.alpha:.0f} % of them significant at {rates.alpha:g}, or fewer."
     )
     header = (f"test at {rates.alpha:g}", "studies called significant")
     return Table("False alarms under a true null", header, rows, note)
@@ -179,7 +131,7 @@ def tests_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
         *("measure", "Welch t", "Holm", "permutation", "Mann-Whitney"),
         *("paired t", "sign flips", "Wilcoxon", "seeds for 80 % power"),
     )
-    return Table(f"Tests: {_against(evidence)}", header, rows, _tests_note(found))
+    return Table(f"Tests: {_against(evidence)}", header, rows, _tests_note(evidence, found))
 
 
 def _tests_row(outcome: Outcome, adjusted: float) -> tuple[str, ...]:
@@ -200,15 +152,15 @@ def _tests_row(outcome: Outcome, adjusted: float) -> tuple[str, ...]:
     )
 
 
-def _tests_note(found: Sequence[Outcome]) -> str:
+def _tests_note(evidence: Evidence, found: Sequence[Outcome]) -> str:
     if not found:
         return ""
     free, shared = found[0].unpaired, found[0].paired
     counts = free.baseline.num_seeds, free.treatment.num_seeds
     text = (
         "Two-sided p-values, not adjusted but for the column Holm (Welch's, over the "
-        f"{len(found)} rows). {counts[0]} against {counts[1]} seeds cannot give an exact p below "
-        f"{free.smallest_p:.2g}"
+        f"{len(found)} rows of this table). {counts[0]} against {counts[1]} seeds cannot give an "
+        f"exact p below {free.smallest_p:.2g}"
     )
     if shared is not None:
         text += f", nor paired below {shared.smallest_p:.2g}"
@@ -217,16 +169,36 @@ def _tests_note(found: Sequence[Outcome]) -> str:
             f". With 80 % power they find only differences of {free.detectable_effect:.1f} "
             "standard deviations or more"
         )
-    reasons = {reason for o in found for reason in o.unpaired.notes if "bootstrap" not in reason}
-    return ". ".join([text, *sorted(reasons)]) + "."
+    return ". ".join([text, *_reasons(found), *_left_out(evidence)]) + "."
+
+
+def _reasons(found: Sequence[Outcome]) -> list[str]:
+    """Why some cells are n/a: each reason once, with its measures unless it is all of them."""
+    measures: dict[str, list[str]] = {}
+    for outcome in found:
+        for c in filter(None, (outcome.unpaired, outcome.paired)):
+            for part in (c.difference, c.relative_improvement, c.t_test, c.effect_size):
+                if part.reason and outcome.name not in measures.setdefault(part.reason, []):
+                    measures[part.reason].append(outcome.name)
+    return [
+        reason[0].upper() + reason[1:] + ("" if len(names) == len(found) else f" ({_list(names)})")
+        for reason, names in measures.items()
+    ]
+
+
+def _left_out(evidence: Evidence) -> list[str]:
+    absent = [
+        quantity(metric).name
+        for metric in (*TRAINING, *EVALUATION)
+        if metric in evidence.metric_names and not evidence.has(metric)
+    ]
+    return [f"Without an iteration in which all runs have it: {_list(absent)}"] if absent else []
 
 
 def curves_table(evidence: Evidence) -> Table:
     """Whole curves, compared by permuting the labels of the seeds."""
-    rows = []
-    for metric in TRAINING:
-        if metric not in evidence.metric_names:
-            continue
+    rows, note = [], ""
+    for metric in filter(evidence.has, TRAINING):
         at, first, second = evidence.common(metric)
         if min(len(first), len(second)) < 2:
             continue
@@ -235,21 +207,24 @@ def curves_table(evidence: Evidence) -> Table:
         where = f"{places.min()} to {places.max()}" if places.size else "nowhere"
         share = f"{100 * found.differs.mean():.0f}{NBSP}%"
         rows.append((quantity(metric).name, p_value_text(found.p_value), share, where))
+        note = (
+            "The largest t statistic over all iterations against the largest under every other "
+            "labeling of the seeds: the chance to call any iteration different where none is, is "
+            "at most 5 %, however neighbouring iterations depend on each other."
+        )
+        if found.smallest_p > found.alpha:
+            note += (
+                f" So few seeds cannot give a p below {found.smallest_p:.2g}: nothing can differ "
+                "here, whatever the curves."
+            )
     header = ("curve", "p, anywhere", "iterations that differ", "from the first to the last")
-    note = (
-        "The largest t statistic over all iterations against the largest under every other "
-        "labeling of the seeds: the chance to call any iteration different where none is, is at "
-        "most 5 %, however neighbouring iterations depend on each other."
-    )
-    return Table(f"Whole curves: {_against(evidence)}", header, tuple(rows), note if rows else "")
+    return Table(f"Whole curves: {_against(evidence)}", header, tuple(rows), note)
 
 
 def speed_table(evidence: Evidence) -> Table:
     """Iterations until an arm is as good as the baseline ends."""
     rows = []
-    for metric in TRAINING:
-        if metric not in evidence.metric_names:
-            continue
+    for metric in filter(evidence.has, TRAINING):
         at, first, second = evidence.common(metric)
         level = float(tail_mean(first, at).mean())
         window = max(1, round(SMOOTHING_SHARE * at.size))
@@ -276,3 +251,11 @@ def _times_text(times: np.ndarray) -> str:
 def _against(evidence: Evidence) -> str:
     baseline, treatment = evidence.labels
     return f"{treatment} against {baseline}"
+
+
+def _list(names: Sequence[str]) -> str:
+    return "; ".join(names)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}{NBSP}%"

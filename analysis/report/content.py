@@ -26,8 +26,8 @@ from analysis.report.claims import (
     Verdict,
     findings,
 )
-from analysis.report.comparison_tables import Outcome
 from analysis.report.evidence import SEED, Evidence, seed_noise
+from analysis.report.outcomes import Outcome, outcomes
 from analysis.statistics.nulls import FalsePositiveRates, false_positive_rates
 from analysis.statistics.results import Interval
 from analysis.study import Study, pretty_arm
@@ -105,7 +105,7 @@ def gather(study: Study, command: str, progress: Progress = lambda _: None) -> R
     evidence = Evidence(study)
     progress("statistics")
     judged = findings(evidence) if evidence.is_the_papers else []
-    found = {arm: comparison_tables.outcomes(Evidence(study, arm)) for arm in study.arms[1:]}
+    found = {arm: outcomes(Evidence(study, arm)) for arm in study.arms[1:]}
     progress("false alarms of both protocols")
     rates = null_rates(evidence)
     figures = Section("figures", "Figures", **draw_all(study, rates, progress))

@@ -14,6 +14,7 @@ from analysis.statistics.intervals import difference_interval, relative_improvem
 from analysis.statistics.paper import PaperAnalysis, paper_analysis
 from analysis.statistics.results import Array, Interval
 from analysis.study import BASELINE_METHOD, Study, StudyError, pretty_arm
+from tlr_exp.keys import ITERATION
 
 PREFERRED_TREATMENT = "gwo"
 SEED = 0  # of the draws that tests of many seeds need
@@ -58,6 +59,14 @@ class Evidence:
     @property
     def metric_names(self) -> tuple[str, ...]:
         return self.study.metric_names
+
+    def has(self, metric: str) -> bool:
+        """Whether there is an iteration in which every run of both arms has the metric."""
+        if metric not in self.metric_names:
+            return False
+        runs = self.study.runs["arm"].isin([self.baseline, self.treatment])
+        rows = self.study.curves[self.study.curves["arm"].isin([self.baseline, self.treatment])]
+        return bool((rows.groupby(ITERATION)[metric].count() == runs.sum()).any())
 
     @property
     def paired(self) -> bool:

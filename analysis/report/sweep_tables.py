@@ -6,8 +6,8 @@ import numpy as np
 
 from analysis.quantities import quantity
 from analysis.report.cells import NBSP, Table, number, p_text
-from analysis.report.comparison_tables import TRAINING, digits_of
 from analysis.report.evidence import SEED
+from analysis.report.outcomes import TRAINING, digits_of
 from analysis.statistics.trend import trend
 from analysis.study import Study, pretty_arm
 from analysis.swept import Sweep, end_of_training

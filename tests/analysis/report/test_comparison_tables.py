@@ -1,0 +1,78 @@
+"""What the tables say of data that do not allow everything."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from studies import make_study
+
+from analysis.report.cells import MISSING
+from analysis.report.comparison_tables import curves_table, protocol_table
+from analysis.report.comparison_tables import tests_table as table_of_tests
+from analysis.report.evidence import Evidence
+from analysis.report.outcomes import outcomes
+from analysis.study import Study, StudyError
+from tlr_exp import keys
+
+LAST = "eval/upper_body_error_m"
+
+
+def study_of(seeds: int = 3, iterations: int = 20) -> Study:
+    generator = np.random.default_rng(0)
+    return make_study(generator, seeds=range(seeds), iterations=iterations, evaluate_every=5)
+
+
+def without(study: Study, metric: str, run: int, iteration: int | None = None) -> Study:
+    """The study, of which a run lacks a metric, everywhere or in one iteration."""
+    curves = study.curves.copy()
+    there = curves["run"] == study.runs.index[run]
+    if iteration is not None:
+        there &= curves["iteration"] == iteration
+    curves.loc[there, metric] = np.nan
+    return dataclasses.replace(study, curves=curves)
+
+
+def test_a_metric_that_one_run_never_has_is_left_out_and_said() -> None:
+    evidence = Evidence(without(study_of(), LAST, run=0))
+    found = outcomes(evidence)
+    assert LAST not in [outcome.metric for outcome in found]
+    assert len(found) == 8
+    note = table_of_tests(evidence, found).note
+    assert note.endswith(
+        "Without an iteration in which all runs have it: Upper-body error, evaluation."
+    )
+    with pytest.raises(StudyError, match=f"never in {evidence.study.runs.index[0]}$"):
+        evidence.curves(LAST)
+
+
+def test_an_evaluation_that_is_not_the_last_one_is_named() -> None:
+    """Evaluated at 5, 10, 15 and 20; where one run lacks 20, 15 is the last that all have."""
+    evidence = Evidence(without(study_of(), LAST, run=4, iteration=20))
+    names = [outcome.name for outcome in outcomes(evidence)]
+    assert "Upper-body error, evaluation, last that all have, iteration 15" in names
+    assert "Lower-body error, evaluation, last" in names
+
+
+def test_three_seeds_cannot_tell_curves_apart_and_the_table_says_so() -> None:
+    """2 of C(6, 3) = 20 labelings are as extreme at least: 0.1."""
+    note = curves_table(Evidence(study_of(seeds=3))).note
+    assert note.endswith("a p below 0.1: nothing can differ here, whatever the curves.")
+    assert "So few" not in curves_table(Evidence(study_of(seeds=4))).note  # 2 of 70
+
+
+def test_reasons_name_the_measures_they_hold_for() -> None:
+    study = study_of()
+    curves = study.curves.copy()
+    curves[LAST] = np.where(curves[LAST].isna(), np.nan, 0.1)
+    evidence = Evidence(dataclasses.replace(study, curves=curves))
+    note = table_of_tests(evidence, outcomes(evidence)).note
+    measure = "Upper-body error, evaluation, last"
+    assert f"Neither arm varies from seed to seed ({measure})" in note
+    assert f"The differences of the paired seeds do not vary ({measure})" in note
+
+
+def test_equal_curves_have_no_protocol_but_no_nan_either() -> None:
+    study = study_of()
+    curves = study.curves.assign(**{keys.TRAIN_UPPER_BODY_ERROR: 0.1})
+    row = protocol_table(Evidence(dataclasses.replace(study, curves=curves))).rows[0]
+    assert row == ("Upper-body error", "+0.00\u00a0%", MISSING, "20", MISSING, MISSING)
