@@ -28,12 +28,13 @@ train: $(INSTALLED) ## Train the two-layered reward at demo scale; ARGS='optimiz
 	$(BIN)/tlr-train $(ARGS)
 
 reproduce-paper: $(INSTALLED) ## The paper's study, its analysis and report; SCALE=demo, laptop or paper; goes on where it was
-	$(BIN)/tlr-train -m +sweep=five_seeds scale=$(SCALE) study=$(notdir $(STUDY)) $(SCALE_ARGS) $(ARGS)
-	@sweep=$$(ls -td $(STUDY)/sweeps/five_seeds-* | head -n 1) && set -x && \
-	$(BIN)/tlr-export $$sweep -o $$sweep/results --force && \
-	$(BIN)/tlr-report $$sweep/results -o $$sweep/report --force --repeat "make reproduce-paper SCALE=$(SCALE)$(if $(ARGS), ARGS='$(ARGS)')" && \
-	$(BIN)/tlr-sync $$sweep && \
-	$(BIN)/python -m webbrowser file://$(CURDIR)/$$sweep/report/report.html
+	@answer=$$(mktemp) && trap 'rm -f "$$answer"' EXIT && set -x && \
+	TLR_EXP_SWEEP_FILE=$$answer $(BIN)/tlr-train -m +sweep=five_seeds scale=$(SCALE) study=$(notdir $(STUDY)) $(SCALE_ARGS) $(ARGS) && \
+	sweep=$$(cat "$$answer") && \
+	$(BIN)/tlr-export "$$sweep" -o "$$sweep/results" --force && \
+	$(BIN)/tlr-report "$$sweep/results" -o "$$sweep/report" --force --repeat "make reproduce-paper SCALE=$(SCALE)$(if $(ARGS), ARGS='$(ARGS)')" && \
+	$(BIN)/tlr-sync "$$sweep" && \
+	$(BIN)/python -m webbrowser "file://$(CURDIR)/$$sweep/report/report.html"
 
 report: $(INSTALLED) ## Make the report of exported results anew; RESULTS=FOLDER
 	$(BIN)/tlr-report $(RESULTS) -o $(RESULTS)/report --force

@@ -7,7 +7,7 @@ import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -15,12 +15,12 @@ from omegaconf import DictConfig
 from tlr_exp.config import ConfigError
 from tlr_exp.records.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
-from tlr_exp.records.storage import StorageError
+from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
 from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
-from tlr_exp.sweeps.display import make_sweep_display, print_table
+from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
-from tlr_exp.sweeps.monitor import Monitor, job_log
+from tlr_exp.sweeps.monitor import Monitor, from_here, job_log
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.plan import make_plan
 from tlr_exp.sweeps.progress import JobState, Pace, job_states
@@ -29,6 +29,7 @@ from tlr_exp.sweeps.spec import Plan, PlannedJob
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
 from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask
 
+ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
 
 
@@ -48,6 +49,7 @@ def run_sweep(config: DictConfig) -> int:
         return EXIT_CONFIG
     try:
         sweep = SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id)
+        _answer_with(sweep.path)
         with turn(sweep, plan):
             clear_stop(sweep.path)
             return _work(plan, sweep, launcher)
@@ -62,32 +64,42 @@ def run_sweep(config: DictConfig) -> int:
 @contextmanager
 def turn(sweep: SweepDirectory, plan: Plan) -> Iterator[None]:
     """Hold the sweep; while another process does, show how far that is."""
-    display = None
-    while True:
-        with ExitStack() as stack:
-            try:
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(sweep.lock(timeout_s=0.2))
+        except SweepDirectoryError as error:
+            _wait_for(str(error), stack, sweep, plan)
+        yield
+
+
+def _wait_for(holder: str, stack: ExitStack, sweep: SweepDirectory, plan: Plan) -> None:
+    """Look until the sweep is free, then hold it in ``stack``."""
+    pace = Pace(None)
+    with closing(make_sweep_display(plan.name, pace)) as display:
+        display.say(f"{holder}\nWaiting for it; Ctrl-C leaves it alone.")
+        while True:
+            states = job_states(sweep, plan.jobs)
+            pace.note(states, time.monotonic())
+            display.show(states, "")
+            time.sleep(TURN_S)
+            with suppress(SweepDirectoryError):
                 stack.enter_context(sweep.lock(timeout_s=0.2))
-            except SweepDirectoryError as error:
-                if display is None:
-                    display = make_sweep_display(plan.name, pace := Pace(None))
-                    display.say(f"{error}\nWaiting for it; Ctrl-C leaves it alone.")
-                states = job_states(sweep, plan.jobs)
-                pace.note(states, time.monotonic())
-                display.show(states, "")
-                time.sleep(TURN_S)
-                continue
-            if display is not None:
-                display.close()
-            yield
-            return
+                return
 
 
 def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
+    pace = Pace(plan.parallelism.slots)
+    # Closed whatever happens: a live display hides the cursor of the terminal.
+    with closing(make_sweep_display(plan.name, pace)) as display:
+        return _work_under(display, pace, plan, sweep, launcher)
+
+
+def _work_under(
+    display: SweepDisplay, pace: Pace, plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher
+) -> int:
     def launch(jobs: Sequence[PlannedJob]) -> None:
         launcher.launch([(job.num, job.overrides) for job in jobs], JOB_VARIABLE)
 
-    pace = Pace(plan.parallelism.slots)
-    display = make_sweep_display(plan.name, pace)
     with Stopper(sweep.path) as stopper:
         session = Session(plan, sweep, launch, stopper, display.say)
         if session.is_finished():
@@ -135,7 +147,7 @@ def _say_how_it_ended(
 ) -> None:
     print()
     print_table(states, [job_log(sweep.path, state) for state in states])
-    print(f"\nsweep directory  {sweep.path}")
+    print(f"\nsweep directory  {from_here(sweep.path)}")
     if plan.uri is not None:
         print(f"dashboard        {how_to_open(plan.uri, plan.study_folder.parent)}")
     if status == FINISHED:
@@ -146,6 +158,12 @@ def _say_how_it_ended(
     print(f"{plan.name}: {status}; {rest} of {len(states)} jobs are not trained to the end", end="")
     print(f"; failed: {', '.join(failed)}" if failed else "")
     print("go on            repeat the command: what is trained is kept, the rest is gone on with")
+
+
+def _answer_with(sweep: Path) -> None:
+    """Tell a script which directory it has asked for, where it named a file to be told in."""
+    if answer := os.environ.get(ANSWER_VARIABLE):
+        atomic_write(Path(answer), f"{from_here(sweep)}\n".encode())
 
 
 def _command() -> str:

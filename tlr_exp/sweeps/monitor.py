@@ -99,6 +99,10 @@ class Monitor(threading.Thread):
 def job_log(sweep: Path, state: JobState) -> Path:
     """Where to read what a job printed: in its run directory, or beside its record."""
     log = None if state.run is None else state.run / RUN_LOG
-    path = log if log is not None and log.exists() else log_path(sweep, state.num)
+    return from_here(log if log is not None and log.exists() else log_path(sweep, state.num))
+
+
+def from_here(path: Path) -> Path:
+    """The path relative to the working folder, where that holds it."""
     here = Path.cwd()
     return path.relative_to(here) if path.is_relative_to(here) else path
