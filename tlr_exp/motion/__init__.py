@@ -1,1 +1,1 @@
-"""Reference motions: the clip, its authoring by keyframes, its look-up by time."""
+"""Reference motions: the clip, its authoring by keyframes, its look-up."""
