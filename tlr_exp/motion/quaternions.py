@@ -3,19 +3,6 @@
 import numpy as np
 
 
-def slerp(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Spherical interpolation of unit quaternions [..., 4] at ``part`` [..., 1] in [0, 1]."""
-    end = np.where(np.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)
-    gap = np.linalg.norm(end - start, axis=-1, keepdims=True)
-    # The half-angle form stays exact for close quaternions, where acos loses digits.
-    angle = 2 * np.arctan2(gap, np.linalg.norm(end + start, axis=-1, keepdims=True))
-    close = angle < 1e-8
-    sine = np.where(close, 1.0, np.sin(angle))
-    low = np.where(close, 1 - part, np.sin((1 - part) * angle) / sine)
-    high = np.where(close, part, np.sin(part * angle) / sine)
-    return normalised(low * start + high * end)
-
-
 def angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Rotation angle [...] in radians, in [0, pi], between quaternions [..., 4]."""
     first, second = normalised(first), normalised(second)
