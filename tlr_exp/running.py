@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tlr_exp.config import ConfigError, run_identity
+from tlr_exp.input_files import file_hashes
 from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
@@ -96,7 +97,8 @@ def open_run(
     }
 
     def create() -> RunDirectory:
-        return RunDirectory.create(next_run_path(root, name), config, tags, identity)
+        path = next_run_path(root, name)
+        return RunDirectory.create(path, config, tags, identity, file_hashes(config))
 
     if go_on:
         return find_or_create_run(root, identity, create, prefer_finished)

@@ -28,6 +28,7 @@ from tlr_exp.motion.script import KeyframeError
 from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.kept_motion import kept_motion
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.settings import Settings
@@ -74,7 +75,7 @@ class Training:
             run.set_status(RUNNING, device_name=torch.cuda.get_device_name(settings.device))
         self.store = checkpoint_store(settings, run)
         robot = build_robot_of(settings.env)
-        clip = build_clip(settings.env, robot)
+        clip = kept_motion(run, lambda: build_clip(settings.env, robot))
         self.env = build_env(settings, robot, clip)
         self.evaluation_env = build_evaluation_env(settings, robot, clip)
         ppo = build_ppo(settings)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tlr_exp.records.run_directory import RunDirectory
     from tlr_exp.settings import Settings
 
 BEST, LAST = "best", "last"
@@ -15,13 +16,18 @@ BEST, LAST = "best", "last"
 
 @dataclass(frozen=True)
 class Choice:
-    """What is evaluated: the run, its configuration as loaded, and one of its checkpoints."""
+    """What is evaluated: the run, its configuration as loaded, and one of its checkpoints.
+
+    ``motion`` is what the run's configuration calls the motion; ``settings.env.motion`` is the clip
+    that the run keeps of it, or the same where it keeps none.
+    """
 
     run: Path
     settings: Settings
     checkpoint: Path
     iteration: int
     physics: str
+    motion: str
 
 
 def choose(path: Path, checkpoint: str | None = None, physics: str | None = None) -> Choice:
@@ -33,7 +39,8 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
         physics: name of an engine in ``conf/physics``; by default the run's own.
 
     Raises:
-        ValueError: no such run, checkpoint or engine; the message lists what there is.
+        ValueError: no such run, checkpoint or engine (the message lists what there is), or a file
+            that the run was trained with holds something else now.
     """
     from tlr_exp.records.run_directory import RunDirectory
 
@@ -43,19 +50,49 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
             raise ValueError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
         run_path = path.absolute().parent.parent
     run = RunDirectory.open(run_path)
-    config = run.config
-
     from tlr_exp.config import load_settings, of_any_version
 
-    config = of_any_version(config)
+    config = of_any_version(run.config)
+    motion = config["env"]["motion"]
+    config = with_kept_motion(run, config)
     engine = _physics_name(config, physics)
     if physics is not None and engine != _physics_name(config, None):
         config = {**config, "physics": _physics_nodes()[engine]}
     settings = load_settings({**config, "device": _present_device(config)})
+    check_files(run, config)
     file = path if path.suffix == ".pt" else _checkpoint_file(run.path / "checkpoints", checkpoint)
     if not file.stem.isdecimal():
         raise ValueError(f"{file} is no checkpoint of a run: its name is not an iteration")
-    return Choice(run.path, settings, file, int(file.stem), engine)
+    return Choice(run.path, settings, file, int(file.stem), engine, motion)
+
+
+def with_kept_motion(run: RunDirectory, config: dict[str, Any]) -> dict[str, Any]:
+    """The configuration on the clip that the run keeps, where it keeps one."""
+    if not run.motion_path.is_file():
+        return config
+    return {**config, "env": {**config["env"], "motion": str(run.motion_path)}}
+
+
+def check_files(run: RunDirectory, config: dict[str, Any]) -> None:
+    """Refuse files that are known to hold something else than when the run was trained.
+
+    Args:
+        run: its manifest knows the hashes, unless an earlier version made it.
+        config: from ``with_kept_motion``.
+
+    Raises:
+        ValueError: names the file and both hashes.
+    """
+    from tlr_exp.input_files import file_hashes
+
+    env, now = config["env"], file_hashes(config)
+    named = {"env.motion": env["motion"], "env.robot.mjcf": env["robot"]["mjcf"]}
+    for key, then in run.manifest.get("files", {}).items():
+        if named[key] != str(run.motion_path) and now[key] != then:
+            raise ValueError(
+                f"{named[key]} ({key}) is not what {run.path.name} was trained with: its SHA-256 "
+                f"is {now[key]}, and was {then}. Put back what it held then"
+            )
 
 
 def load_policy(choice: Choice) -> Any:

@@ -132,14 +132,14 @@ def check_one_motion(choices: Sequence[Choice]) -> None:
         ):
             raise ValueError(
                 "a strip needs one motion: "
-                f"{first.run.name} tracks {ours.motion} ({ours.reference_lead} steps ahead), "
-                f"{other.run.name} tracks {theirs.motion} ({theirs.reference_lead} steps ahead)"
+                f"{first.run.name} tracks {first.motion} ({ours.reference_lead} steps ahead), "
+                f"{other.run.name} tracks {other.motion} ({theirs.reference_lead} steps ahead)"
             )
 
 
 def title_of(choices: Sequence[Choice]) -> str:
     """What all rows have in common."""
-    motion = Path(choices[0].settings.env.motion).stem.replace("_", "-")
+    motion = Path(choices[0].motion).stem.replace("_", "-")
     if len({choice.iteration for choice in choices}) > 1:
         return motion
     lengths = {choice.settings.scale.iterations for choice in choices}

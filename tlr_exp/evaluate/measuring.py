@@ -105,6 +105,6 @@ def _origin(choice: Choice) -> dict[str, Any]:
         "checkpoint": choice.checkpoint.name,
         "iteration": choice.iteration,
         "physics": choice.physics,
-        "motion": choice.settings.env.motion,
+        "motion": choice.motion,
         "seed": choice.settings.seed,
     }

@@ -1,7 +1,8 @@
 """The run directory: all that a run leaves behind, whether or not a tracking server is there.
 
-manifest.json   run id, status, source revision, versions, machine, seed, command line
+manifest.json   run id, status, source revision, versions, machine, seed, command line, file hashes
 config.yaml     the resolved configuration
+motion.npz      the motion as it is trained on, see tlr_exp.records.kept_motion
 metrics.jsonl   one line an iteration, see tlr_exp.records.metrics_file
 checkpoints/    see tlr_exp.records.checkpoint
 eval/           what evaluations of the run wrote (JSON, videos)
@@ -34,6 +35,7 @@ from tlr_exp.records.metrics_file import (
 from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, sync_file
 
 MANIFEST, CONFIG, METRICS, LOCK = "manifest.json", "config.yaml", "metrics.jsonl", "run.lock"
+MOTION = "motion.npz"
 EVALUATIONS = "eval"
 
 RUNNING, FINISHED, FAILED, INTERRUPTED = "running", "finished", "failed", "interrupted"
@@ -63,12 +65,15 @@ class RunDirectory:
         config: Mapping[str, Any],
         tags: Mapping[str, Any],
         identity: str = "",
+        files: Mapping[str, str] | None = None,
     ) -> RunDirectory:
         """Start a run in `path`, which must be new or empty; parents are made.
 
         `config` is the resolved configuration of plain values (the seed is read from its key
         "seed"). `tags` are the labels the run is looked up by: method, scale, device, experiment
         and the like. `identity` tells which runs are the same experiment (tlr_exp.records.runs).
+        `files` are the hashes of the files that the configuration means, by key
+        (tlr_exp.input_files).
 
         Raises:
             RunDirectoryError: `path` holds something already, or `config` is not plain data.
@@ -87,7 +92,8 @@ class RunDirectory:
         try:
             atomic_write(path / CONFIG, text.encode())
             # Last, because a folder is a run directory from the moment it has a manifest.
-            run._write_manifest(_new_manifest(path.name, config, dict(tags), identity))
+            manifest = _new_manifest(path.name, config, dict(tags), identity)
+            run._write_manifest({**manifest, "files": dict(files or {})})
         except StorageError as error:
             with suppress(OSError):
                 (path / CONFIG).unlink(missing_ok=True)
@@ -147,6 +153,11 @@ class RunDirectory:
             return yaml.safe_load((self.path / CONFIG).read_text(encoding="utf-8")) or {}
         except (OSError, yaml.YAMLError) as error:
             raise RunDirectoryError(f"cannot read {self.path / CONFIG}: {error}") from error
+
+    @property
+    def motion_path(self) -> Path:
+        """Where the motion lies that is trained on; not there in runs of earlier versions."""
+        return self.path / MOTION
 
     def set_status(self, status: str, **extra: Any) -> None:
         """Write `status`, the pid of this process and `extra` entries into the manifest.
