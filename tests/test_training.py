@@ -7,7 +7,13 @@ import torch
 from tlr_exp import keys
 from tlr_exp.assembly import build_split
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.training import SNAPSHOT_SHARES, Training, UnstableSimulationError, checkpoint_store
+from tlr_exp.training import (
+    EXPLAINED_FAILURES,
+    SNAPSHOT_SHARES,
+    Training,
+    UnstableSimulationError,
+    checkpoint_store,
+)
 
 TINY = (
     "scale.num_envs=16",
@@ -61,6 +67,19 @@ def test_a_smaller_share_is_counted_and_the_run_goes_on(
     assert training.train().status == "finished"
     assert [line[keys.UNSTABLE_ENVS] for line in run.metrics()] == [1, 0, 0]
     assert all(np.isfinite(line[keys.STEP_REWARD]) for line in run.metrics())
+
+
+def test_returns_that_are_not_finite_end_the_run_with_an_explanation(tmp_path, settings_of):
+    huge = "reward.optimizing.ang_vel_xy=-3e38"  # times what float32 holds
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    with pytest.raises(EXPLAINED_FAILURES, match="term_returns is not finite"):
+        Training(settings_of(*TINY, huge, "optimizer=gwo"), run).train()
+
+
+def test_damaged_metrics_end_a_resume_with_an_explanation(training):
+    training.run.metrics_path.write_text("no metrics\n" * 2)
+    with pytest.raises(EXPLAINED_FAILURES, match=r"metrics\.jsonl"):
+        training.train()
 
 
 def test_snapshots_of_the_papers_figures_are_kept(settings_of, tmp_path):

@@ -18,6 +18,10 @@ WeightFunction = Callable[[Tensor], Tensor]
 """Weights [pack, num_terms] -> objective [pack], float64, on the device of the weights."""
 
 
+class NonFiniteReturnsError(ValueError):
+    """Trajectories have no rank, because a return of theirs is infinite or not a number."""
+
+
 class Objective(Protocol):
     """What a weight optimizer needs of an objective."""
 
@@ -174,7 +178,8 @@ def check_returns(goal_return: Tensor, term_returns: Tensor) -> None:
         term_returns: [num_envs, num_terms].
 
     Raises:
-        ValueError: shapes that do not fit, or values that are not finite.
+        ValueError: shapes that do not fit.
+        NonFiniteReturnsError: values that are not finite.
     """
     if (
         goal_return.ndim != 1
@@ -189,7 +194,7 @@ def check_returns(goal_return: Tensor, term_returns: Tensor) -> None:
         finite = torch.isfinite(values)
         if not finite.all():
             bad = torch.nonzero(~finite)[:, 0].unique()
-            raise ValueError(
+            raise NonFiniteReturnsError(
                 f"{name} is not finite in {len(bad)} of {len(values)} environments, the first of "
                 f"them {int(bad[0])}: such trajectories cannot be ranked"
             )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sys
+import traceback
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tlr_exp.config import ConfigError, run_identity
+from tlr_exp.config import ConfigError, instantiate, run_identity
+from tlr_exp.g1 import CONTROL_DT_S
 from tlr_exp.input_files import file_hashes
 from tlr_exp.records.mirror import (
     Mirror,
@@ -16,7 +19,13 @@ from tlr_exp.records.mirror import (
     default_tracking_uri,
     how_to_open,
 )
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import (
+    FAILED,
+    INTERRUPTED,
+    RUNNING,
+    RunDirectory,
+    RunDirectoryError,
+)
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
 from tlr_exp.settings import Settings
@@ -25,6 +34,11 @@ if TYPE_CHECKING:
     from tlr_exp.training import Outcome
 
 EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
+
+# How Python says that a caller gave wrong arguments: here, that a configuration did.
+_WRONG_ARGUMENTS = re.compile(
+    r"unexpected keyword argument|missing \d+ required|positional argument"
+)
 
 
 def tracking_uri(settings: Settings) -> str | None:
@@ -46,32 +60,55 @@ def tracking_uri(settings: Settings) -> str | None:
         raise ConfigError(f"tracking_uri: {error}") from error
 
 
-def check_inputs(settings: Settings, device: bool = True) -> None:
-    """Read what the user brought, before a run directory is made and seconds of imports pass.
+def check_inputs(settings: Settings) -> None:
+    """Try what the configuration names, before a run directory is made.
+
+    Raises:
+        ConfigError: see `check_world` and `check_lower_layer`.
+    """
+    check_world(settings)
+    check_lower_layer(settings)
+
+
+def check_world(settings: Settings, device: bool = True) -> None:
+    """Read the model and the motion, and look for the device.
 
     Without ``device`` that is left out, for a machine that only hands work to others.
 
     Raises:
         ConfigError: a model that is not a G1, a motion that cannot be, or a device that is away.
     """
+    from tlr_exp.motion.clip import resample
     from tlr_exp.motion.keyframes import load_motion
     from tlr_exp.robot import build_robot
 
     robot = settings.env.robot
     try:
         model = build_robot(robot.mjcf, robot.gains, robot.collisions)
-        clip = load_motion(settings.env.motion, model)
+        clip = resample(load_motion(settings.env.motion, model), 1.0 / CONTROL_DT_S, model)
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if settings.env.reference_lead + 2 > clip.num_frames:
         raise ConfigError(
             f"env.reference_lead is {settings.env.reference_lead}; the motion has only "
-            f"{clip.num_frames} frames"
+            f"{clip.num_frames} frames at the control rate of {clip.fps:g} Hz, and "
+            f"{settings.env.reference_lead + 2} are needed"
         )
     if device and settings.device != "cpu":
         from tlr_exp.assembly import check_device
 
         check_device(settings.device)
+
+
+def check_lower_layer(settings: Settings) -> None:
+    """Build the objective and the weight optimizer, which check their settings themselves.
+
+    Raises:
+        ConfigError: one of them refuses its settings, or lacks a package.
+    """
+    objective = instantiate(settings.reward.objective)
+    num_terms = len(settings.reward.optimizing)
+    instantiate(settings.optimizer, num_terms=num_terms, objective=objective, seed=0, device="cpu")
 
 
 def open_run(
@@ -139,7 +176,22 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
         print(f"dashboard        {how_to_open(uri, run.path.parent.parent)}")
 
 
+def print_error(error: BaseException) -> None:
+    """Say on stderr what went wrong; with a traceback where the message does not say it all."""
+    explained = (ConfigError, RunDirectoryError, StorageError, *explained_failures())
+    if isinstance(error, explained) and not _hides_a_bug(error):
+        print(error, file=sys.stderr)
+    else:
+        traceback.print_exception(error)
+
+
 def explained_failures() -> tuple[type[Exception], ...]:
     """Failures of a training that say what to do; loaded by then, if they can occur at all."""
     training = sys.modules.get("tlr_exp.training")
     return () if training is None else training.EXPLAINED_FAILURES
+
+
+def _hides_a_bug(error: BaseException) -> bool:
+    """Whether a part broke while it was built, for another reason than what it was given."""
+    cause = error.__cause__
+    return isinstance(cause, TypeError) and _WRONG_ARGUMENTS.search(str(cause)) is None

@@ -32,6 +32,7 @@ from tlr_exp.running import (
     check_inputs,
     explained_failures,
     open_run,
+    print_error,
     tracking_uri,
     train_in,
 )
@@ -70,13 +71,13 @@ def _errors_for_people() -> Iterator[None]:
     try:
         yield
     except (ConfigError, RunDirectoryError) as error:
-        print(error, file=sys.stderr)
+        print_error(error)
         sys.exit(EXIT_CONFIG)
     except KeyboardInterrupt:
         print("interrupted; go on by the same command with resume=auto", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except (StorageError, *explained_failures()) as error:
-        print(error, file=sys.stderr)
+        print_error(error)
         sys.exit(EXIT_FAILED)
 
 

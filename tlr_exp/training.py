@@ -25,10 +25,12 @@ from tlr_exp.assembly import (
 from tlr_exp.cores import available_cores
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 from tlr_exp.motion.script import KeyframeError
+from tlr_exp.objective import NonFiniteReturnsError
 from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.kept_motion import kept_motion
+from tlr_exp.records.metrics_file import DamagedMetricsError
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.settings import Settings
@@ -44,7 +46,10 @@ class UnstableSimulationError(RuntimeError):
 
 
 # What goes wrong in a training and says by itself what to do: no traceback is needed.
-EXPLAINED_FAILURES = (UnstableSimulationError, NonFiniteLossError, CheckpointError, KeyframeError)
+EXPLAINED_FAILURES = (
+    *(UnstableSimulationError, NonFiniteLossError, NonFiniteReturnsError),
+    *(CheckpointError, DamagedMetricsError, KeyframeError),
+)
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,17 @@ def test_a_run_leaves_metrics_checkpoints_and_a_manifest(trainer, optimizer):
     assert evaluated == [3, 6]
 
 
-def test_a_mistake_leaves_nothing_behind(trainer):
-    status, output = trainer.run("ppo.gamma=3")
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        (["ppo.gamma=3"], "ppo.gamma is 3"),
+        (["optimizer=ospo", "optimizer.elites=50"], "elites"),  # which only the optimizer refuses
+    ],
+)
+def test_a_mistake_leaves_nothing_behind(trainer, mistake, words):
+    status, output = trainer.run(*mistake)
     assert status == 2
-    assert "ppo.gamma is 3" in output
+    assert words in output
     assert "Traceback" not in output
     assert trainer.runs == []
 

@@ -57,7 +57,7 @@ PRESETS = {
 @pytest.fixture
 def trusting(monkeypatch):
     """Motions and models are not read: that takes seconds each, and has tests of its own."""
-    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: None)
+    monkeypatch.setattr(planning, "check_world", lambda settings, device: None)
 
 
 def test_every_preset_is_tested_here():
@@ -155,6 +155,9 @@ def test_a_list_a_range_a_choice_and_a_glob_are_sweeps(multirun):
         ),
         (["optimizer=gwo,gwoo"], ["job 1 (optimizer=gwoo)", "gwoo", "random"]),
         (["num_threads=1,2"], ["jobs 0 (num_threads=1) and 1 (num_threads=2) learn the same"]),
+        (["seed=0,1", "optimizer=ospo", "optimizer.elites=50"], ["elites", "50"]),
+        (["optimizer=ospo", "optimizer.elites=10,50"], ["job 1 (optimizer.elites=50)", "elites"]),
+        (["optimizer=effective_dimension", "optimizer.rest=0.5,2.0"], ["job 1", "rest"]),
         (["study=a,b"], ["study must be the same in every job"]),
         (["ppo.gamma=interval(0,1)"], ["single values"]),
         (["env=glob(nothing*)"], ["env=glob(nothing*)", "nothing that it could mean"]),
@@ -171,17 +174,19 @@ def test_mistakes_name_their_jobs_and_come_before_anything_is_made(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_motions_are_read_once_for_all_jobs_that_share_them(multirun, monkeypatch):
-    read = []
-    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: read.append(device))
-    make_plan(multirun("seed=0,1,2", "env.start_phase=random,zero"))
+def test_parts_are_tried_once_for_all_jobs_that_share_them(multirun, monkeypatch):
+    read, built = [], []
+    monkeypatch.setattr(planning, "check_world", lambda settings, device: read.append(device))
+    monkeypatch.setattr(planning, "check_lower_layer", built.append)
+    make_plan(multirun("seed=0,1,2", "env.start_phase=random,zero", "optimizer=gwo,pso,cma_es"))
     assert read == [True, True]
+    assert len(built) == 3
     make_plan(multirun("seed=0,1", "hydra/launcher=slurm"))
     assert read[2:] == [False]  # a login node need not have the nodes' GPU
 
 
 def test_a_preset_of_ones_own_has_its_question_and_may_set_values(multirun, tmp_path, monkeypatch):
-    monkeypatch.setattr(planning, "check_inputs", lambda settings, device: None)
+    monkeypatch.setattr(planning, "check_world", lambda settings, device: None)
     (tmp_path / "sweep").mkdir()
     (tmp_path / "sweep" / "mine.yaml").write_text(
         "# @package _global_\n# Is it\n# mine?\nseed: 5\n"

@@ -17,7 +17,7 @@ from tlr_exp.records.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
-from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
+from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
 from tlr_exp.sweeps.monitor import Monitor, from_here, job_log
@@ -44,7 +44,10 @@ def run_sweep(config: DictConfig) -> int:
         folder = plan.study_folder / SWEEPS / f"{plan.name}-{plan.sweep_id}"
         task = JobTask(str(folder), None if plan.parallelism.detached else os.getpid())
         launcher = HydraLauncher(config, folder, task, plan.parallelism)
-    except (ConfigError, LauncherError) as error:
+    except ConfigError as error:
+        print_error(error)
+        return EXIT_CONFIG
+    except LauncherError as error:
         print(error, file=sys.stderr)
         return EXIT_CONFIG
     try:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from tlr_exp.config import (
 )
 from tlr_exp.cores import available_cores
 from tlr_exp.records.runs import config_hash
-from tlr_exp.running import check_inputs, tracking_uri
+from tlr_exp.running import check_lower_layer, check_world, tracking_uri
 from tlr_exp.settings import Settings
 from tlr_exp.sweeps.parallel import parallelism
 from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
@@ -134,23 +135,36 @@ def _compose_all(
 
 
 def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device: bool) -> Settings:
-    """Read each motion and model once; the settings of the first job, which all share in part."""
+    """Try each motion, model and lower layer once; the settings of the first job.
+
+    All jobs share those named in SHARED.
+    """
     mistakes = Mistakes(labels)
     checked: dict[str, Exception | None] = {}
     first = composed[0][1]
     for num, (plain, settings, _) in enumerate(composed):
-        key = json.dumps([plain["env"], plain["device"]], sort_keys=True)
-        if key not in checked:
-            try:
-                checked[key] = check_inputs(settings, check_device)
-            except ConfigError as error:
-                checked[key] = error
-        mistakes.add(num, checked[key])
+        world = {key: plain[key] for key in ("env", "device")}
+        mistakes.add(num, _mistake(world, partial(check_world, settings, check_device), checked))
+        layer = {key: plain[key] for key in ("optimizer", "reward")}
+        mistakes.add(num, _mistake(layer, partial(check_lower_layer, settings), checked))
         for name in SHARED:
             if getattr(settings, name) != getattr(first, name):
                 mistakes.add(num, ConfigError(f"{name} must be the same in every job of a sweep"))
     mistakes.raise_any()
     return first
+
+
+def _mistake(
+    part: dict[str, Any], check: Callable[[], None], checked: dict[str, Exception | None]
+) -> Exception | None:
+    """What is wrong with this part of a configuration; jobs that share it have it checked once."""
+    key = json.dumps(part, sort_keys=True)
+    if key not in checked:
+        try:
+            checked[key] = check()
+        except ConfigError as error:
+            checked[key] = error
+    return checked[key]
 
 
 def _job(
@@ -195,11 +209,14 @@ class Mistakes:
     def __init__(self, labels: Sequence[str]) -> None:
         self.labels = labels
         self.jobs: dict[str, list[int]] = {}
+        self.causes: list[BaseException] = []
 
     def add(self, num: int, error: Exception | None) -> None:
         """Note it for job ``num``; None is no mistake."""
         if error is not None:
             self.jobs.setdefault(str(error).strip(), []).append(num)
+            if error.__cause__ is not None:
+                self.causes.append(error.__cause__)
 
     def raise_any(self) -> None:
         """
@@ -207,7 +224,10 @@ class Mistakes:
             ConfigError: where there are any.
         """
         if self.jobs:
-            raise ConfigError("\n".join(self._line(*item) for item in self.jobs.items()))
+            text = "\n".join(self._line(*item) for item in self.jobs.items())
+            # A part that broke by a mistake of its own is to be found by its traceback.
+            broke = next((each for each in self.causes if isinstance(each, TypeError)), None)
+            raise ConfigError(text) from broke
 
     def _line(self, message: str, nums: Sequence[int]) -> str:
         if len(nums) == len(self.labels):
