@@ -9,12 +9,11 @@ import argparse
 import os
 import signal
 import sys
-import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from tlr_exp.config import ConfigError, load_settings
+from tlr_exp.config import load_settings
 from tlr_exp.records.following import WatchedProcess
 from tlr_exp.records.run_directory import (
     FAILED,
@@ -22,22 +21,21 @@ from tlr_exp.records.run_directory import (
     INTERRUPTED,
     RUNNING,
     RunDirectory,
-    RunDirectoryError,
     RunInUseError,
 )
 from tlr_exp.records.storage import StorageError
-from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.records.sweep_directory import SweepDirectory
 from tlr_exp.running import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     check_inputs,
-    explained_failures,
     open_run,
+    print_error,
     train_in,
 )
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec
 from tlr_exp.sweeps.stopping import Watch
-from tlr_exp.sweeps.task import ELSEWHERE, one_line
+from tlr_exp.sweeps.task import ELSEWHERE, conclude, one_line
 
 PATIENCE_S = 1.0
 # A job that a cluster queues again can start before the end of the process that ran out of time.
@@ -58,26 +56,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = train_job(sweep, options.num, PATIENCE_S if sweep_process else CLUSTER_PATIENCE_S)
     except RunInUseError as error:
         print(error)
-        sweep.write_job(options.num, WAITING)
         return ELSEWHERE
     except KeyboardInterrupt:
-        sweep.write_job(options.num, INTERRUPTED)
+        conclude(sweep, options.num, INTERRUPTED)
         return EXIT_INTERRUPTED
     except Exception as error:
-        _report(error)
+        print_error(error)
         with suppress(StorageError):
-            sweep.write_job(options.num, FAILED, error=one_line(error))
+            conclude(sweep, options.num, FAILED, one_line(error))
         return EXIT_FAILED
     finally:
         watch.finish()
-    sweep.write_job(options.num, status)
+    conclude(sweep, options.num, status)
     return 0 if status == FINISHED else EXIT_INTERRUPTED
 
 
 def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
     """Train the run of job ``num``, or find that it is trained; how it ended.
 
-    A process that holds the run is waited for ``patience_s`` seconds.
+    A process that holds the run is waited for ``patience_s`` seconds; until it lets go, the record
+    of the job may be its own and is left alone.
 
     Raises:
         RunInUseError: another process trains it.
@@ -88,10 +86,10 @@ def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
     settings = load_settings(spec.config)
     check_inputs(settings)
     run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
-    _note(sweep, num, run, WAITING)
     with run.lock(patience_s):
         # Looked at again: whoever held the lock a moment ago may have finished it.
         if run.status == FINISHED:
+            _note(sweep, num, run, FINISHED)
             return FINISHED
         _print_into(run.path / RUN_LOG)  # first, so that a running job has its log there
         _note(sweep, num, run, RUNNING)
@@ -120,15 +118,6 @@ def _print_into(log: Path) -> None:
     for stream in (1, 2):
         os.dup2(descriptor, stream)
     os.close(descriptor)
-
-
-def _report(error: Exception) -> None:
-    """Print what went wrong into the log; without a traceback where the message says it all."""
-    explained = (ConfigError, RunDirectoryError, StorageError, *explained_failures())
-    if isinstance(error, explained):
-        print(error, file=sys.stderr)
-    else:
-        traceback.print_exception(error)
 
 
 def _parser() -> argparse.ArgumentParser:

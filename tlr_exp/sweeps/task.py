@@ -21,7 +21,7 @@ from typing import Any
 
 from tlr_exp.cores import OPENMP_DEFAULTS
 from tlr_exp.records.following import WatchedProcess
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING
+from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES
@@ -59,7 +59,7 @@ class JobTask:
                 self._run(num)
         except Exception as error:
             with suppress(StorageError):
-                SweepDirectory(self.sweep).write_job(num, FAILED, error=one_line(error))
+                conclude(SweepDirectory(self.sweep), num, FAILED, one_line(error))
 
     def _run(self, num: int) -> None:
         sweep = SweepDirectory(self.sweep)
@@ -129,9 +129,22 @@ def _close(sweep: SweepDirectory, num: int, returned: int) -> None:
     if sweep.job(num).status not in (WAITING, RUNNING) or returned == ELSEWHERE:
         return
     if stop_requested(sweep.path):
-        sweep.write_job(num, INTERRUPTED, error="stopped before it could save a checkpoint")
+        conclude(sweep, num, INTERRUPTED, "stopped before it could save a checkpoint")
         return
-    sweep.write_job(num, FAILED, error=_how_it_died(returned))
+    conclude(sweep, num, FAILED, _how_it_died(returned))
+
+
+def conclude(sweep: SweepDirectory, num: int, status: str, error: str | None = None) -> None:
+    """Write how job ``num`` ended, from a process that holds no run (any more).
+
+    The queue of a cluster can hold a job twice. While another process trains its run, the record
+    is that one's.
+    """
+    record = sweep.job(num)
+    run = None if record.run is None else RunDirectory(sweep.study_folder / record.run)
+    if record.status == RUNNING and run is not None and run.is_live():
+        return
+    sweep.write_job(num, status, error=error)
 
 
 def _how_it_died(returned: int) -> str:
