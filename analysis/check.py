@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
-from analysis.runs import DIRTY, RunRecord, study_from
+from analysis.runs import DIRTY, RunRecord, records_of, study_from
 from analysis.settings import (
     NOT_LEARNED,
     OPTIMIZER,
     TOLD,
     arm_labels,
     differences,
+    flat,
+    labelled_keys,
     spread,
     told_differences,
     unknown_keys,
@@ -77,6 +80,31 @@ def checked(
     order = arm_order([arm for arm, _ in runs])
     runs.sort(key=lambda labelled: (order.index(labelled[0]), labelled[1].seed))
     return study_from(runs, baseline=baseline, notes=tuple(notes))
+
+
+def rechecked(study: Study) -> Study:
+    """An exported study as it is, if it says of itself what tlr-export would have said.
+
+    Its tables may have been made or joined by other means. Refused are unfinished runs, and
+    settings that differ beyond the arms, unless the study's notes name them; seeds that one arm has
+    and another lacks become notes.
+
+    Raises:
+        StudyError: one line per problem, with the run's name.
+    """
+    records = records_of(study)
+    keys = {key for record in records for key in flat(record.config)}
+    noted = [key for key in keys if any(note.startswith(f"{key} differs") for note in study.notes)]
+    problems = [
+        f"{run.name}: {_state(run)}"
+        for run in records
+        if not is_finished(run) and not any(n.startswith(f"{run.name} is ") for n in study.notes)
+    ]
+    problems += differences(records, labelled_keys(records, study.arms), [*NOT_LEARNED, *noted])
+    if problems:
+        raise StudyError("\n".join(problems))
+    seeds = [*_seed_problems([*zip(study.runs["arm"], records, strict=True)])]
+    return replace(study, notes=tuple(dict.fromkeys([*study.notes, *seeds])))
 
 
 def is_finished(run: RunRecord) -> bool:

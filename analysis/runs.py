@@ -139,7 +139,19 @@ def study_from(records: Iterable[tuple[str, RunRecord]], **settings: Any) -> Stu
 
 
 def records_of(study: Study) -> list[RunRecord]:
-    """The runs of a study taken apart again, to be compared in another way."""
+    """The runs of a study taken apart again, to be compared in another way.
+
+    Raises:
+        StudyError: packages or config are no JSON objects; one line for each.
+    """
+    problems = [
+        f"{name}: its {column} is {text[:40]!r}; it must be a JSON object"
+        for column in ("packages", "config")
+        for name, text in study.runs[column].items()
+        if not _is_json_object(text)
+    ]
+    if problems:
+        raise StudyError("\n".join(problems))
     curves = dict(iter(study.curves.groupby(RUN, sort=False)))
     records = []
     for name, run in rows_of(study.runs).items():
@@ -159,6 +171,13 @@ def records_of(study: Study) -> list[RunRecord]:
             )
         )
     return records
+
+
+def _is_json_object(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
 
 
 def _row(arm: str, record: RunRecord) -> dict[str, Any]:

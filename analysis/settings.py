@@ -86,6 +86,16 @@ def arm_labels(records: Sequence[RunRecord], arm_keys: Sequence[str]) -> list[st
     return labels
 
 
+def labelled_keys(records: Sequence[RunRecord], arms: Iterable[str]) -> list[str]:
+    """The configuration keys that the labels of `arm_labels` speak of, and the optimizer."""
+    parts = [part.strip().partition("=") for arm in arms for part in arm.split(",")]
+    names = {name for name, equals, _ in parts if equals}
+    paths = [key.split(".") for record in records for key in flat(record.config)]
+    known = {".".join(path[:depth]) for path in paths for depth in range(1, len(path) + 1)}
+    told = sorted(key for key in known if {key, key.rpartition(".")[2]} & names)
+    return [OPTIMIZER, *told]
+
+
 def _arm_text(record: RunRecord, key: str) -> str | None:
     """The value of an arm key in a label: an exchangeable part by the name of its class."""
     if key == OPTIMIZER:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from analysis.check import checked
+from analysis.check import checked, rechecked
 from analysis.publishable import plain_text, publishable
 from analysis.run_directories import arms_of_sweep, from_run_directories
 from analysis.runs import records_of
@@ -31,8 +31,9 @@ def load_study(
     """The study of the runs in `sources`, or of an MLflow experiment in their place.
 
     A source is a run directory, a folder with runs, the directory of a sweep, or an exported study.
-    A single exported study without `arm_keys` or `choices` is taken as it is; all else is checked
-    (analysis.check.checked, which explains the `choices`). Without `arm_keys`, the arms are those
+    A single exported study without `arm_keys` or `choices` keeps its arms (analysis.check.rechecked
+    says what is refused); all else is checked (analysis.check.checked, which explains the
+    `choices`). Without `arm_keys`, the arms are those
     of the sweep, or the optimizers. Hosts and paths are made publishable.
 
     Raises:
@@ -42,7 +43,7 @@ def load_study(
     if bool(paths) == bool(experiment):
         raise StudyError("give either sources or an experiment")
     if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
-        return from_tables(paths[0])
+        return rechecked(from_tables(paths[0]))
     records, notes = [], []
     if experiment:
         from analysis.load import from_mlflow  # MLflow takes seconds to import
