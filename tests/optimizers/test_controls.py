@@ -1,11 +1,13 @@
 """The controls that a claim for a search must beat: no lower layer, chance, ASAP's curriculum."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from landscapes import Recorder, uneven_bowl
 
+from tlr_exp.config import instantiate
 from tlr_exp.objective import RankDeviation
 from tlr_exp.optimizers.curriculum import PenaltyCurriculum
 from tlr_exp.optimizers.protocol import TrainingProgress
@@ -62,6 +64,33 @@ def test_the_scale_stops_at_its_largest_value_and_comes_back_from_it() -> None:
     assert scale_after(50.0, **settings) == 1.0
     assert scale_after(50.0, 10.0, **settings) == pytest.approx(0.9**100)
     assert scale_after(50.0, largest=0.3, **settings) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("scale", "largest_end", "rate_to_one"),
+    [("demo", 0.1006, None), ("laptop", 0.1103, 2.4e-4), ("paper", 0.1822, 4e-5)],
+)
+def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
+    settings_of, scale, largest_end, rate_to_one
+) -> None:
+    settings = settings_of(f"scale={scale}", "optimizer=curriculum")
+
+    def end(**changes: Any) -> float:
+        curriculum = instantiate(
+            {**settings.optimizer, **changes}, num_terms=2, objective=RankDeviation()
+        )
+        for _ in range(settings.scale.iterations):
+            curriculum.observe(TrainingProgress(200.0, settings.ppo.num_steps))
+        return curriculum.scale
+
+    assert end() == pytest.approx(largest_end, abs=5e-5)
+    root = Path(__file__).parents[2]
+    for page in ("conf/optimizer/curriculum.yaml", "docs/optimizers.md"):
+        text = (root / page).read_text(encoding="utf-8")
+        assert str(largest_end) in text
+        assert "230 260 control steps" in text  # ln(10) / ln(1 + 1e-5) = 230 259.7
+    if rate_to_one is not None:
+        assert end(rate=rate_to_one) == 1.0
 
 
 def test_a_curriculum_does_without_terms() -> None:
