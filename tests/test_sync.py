@@ -71,6 +71,34 @@ def test_damaged_run_does_not_keep_the_others_back(
     assert steps(database) == [0, 1, 2]
 
 
+def test_unreadable_folders_are_named_and_the_rest_comes_over(
+    tmp_path: Path, database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (make_run(tmp_path / "a").path / "manifest.json").write_text("{")
+    make_run(tmp_path / "b").set_status("finished")
+    (tmp_path / "sweeps" / "s").mkdir(parents=True)
+    (tmp_path / "sweeps" / "s" / "sweep.json").write_text("[]")
+    assert main([str(tmp_path), "--tracking-uri", f"sqlite:///{database}"]) == 1
+    printed = capsys.readouterr()
+    assert printed.out.startswith("b: new run")
+    assert [line.partition(":")[0] for line in printed.err.splitlines()] == ["not brought over"] * 2
+    assert str(tmp_path / "a") in printed.err
+    assert str(tmp_path / "sweeps" / "s") in printed.err
+    assert steps(database) == [0, 1, 2]
+
+
+def test_exported_tables_beside_the_runs_are_no_run(
+    tmp_path: Path, database: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_run(tmp_path / "study" / "a").set_status("finished")
+    tables = tmp_path / "study" / "results"
+    tables.mkdir()
+    (tables / "manifest.json").write_text('{"format": "tlr_exp study"}')
+    (tables / "runs.parquet").write_bytes(b"")
+    assert main([str(tmp_path / "study"), "--tracking-uri", f"sqlite:///{database}"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -104,8 +132,8 @@ def test_store_is_the_one_given_or_of_the_environment_or_the_nearest(
     run = make_run(tmp_path / "runs" / "study" / "a")
     runs = tmp_path / "runs"
     below, above = f"sqlite:///{runs}/study/mlflow.db", f"sqlite:///{runs}/mlflow.db"
-    assert set(found_below([str(run.path)]).values()) == {run.path.parent}
-    assert set(found_below([str(runs), str(run.path)]).values()) == {runs}
+    assert set(found_below([str(run.path)]).folders.values()) == {run.path.parent}
+    assert set(found_below([str(runs), str(run.path)]).folders.values()) == {runs}
     (tmp_path / "mlflow.db").write_bytes(b"")  # too far above to be ours
     assert store_of(run, run.path.parent, None) == below
     assert store_of(run, runs, None) == above

@@ -105,12 +105,12 @@ def test_problem_with_one_run_is_status_one(
 
 def test_store_and_limit_of_a_sweep(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sweep = add_sweep(study, ID)
-    (source,) = find_sources([str(sweep.path)])
+    (source,), _ = find_sources([str(sweep.path)])
     assert source.uri == f"sqlite:///{study.parent}/mlflow.db"
     assert (source.experiment, source.max_file_mb) == ("tlr", 64.0)
     (study / "mlflow.db").write_bytes(b"")
     monkeypatch.setenv("TLR_SYNC_MAX_FILE_MB", "1.5")
-    (source,) = find_sources([str(study)], experiment="mine")
+    (source,), _ = find_sources([str(study)], experiment="mine")
     assert source.uri == f"sqlite:///{study}/mlflow.db"
     assert (source.experiment, source.max_file_mb) == ("mine", 1.5)
 

@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: all is in MLflow; 1: some is not, try again; 2: wrong arguments."""
     options = _parser().parse_args(arguments)
     try:
-        sources = find_sources(
+        sources, problems = find_sources(
             options.folders, options.tracking_uri, options.experiment, options.max_file_mb
         )
         if options.follow is not None and len(sources) != 1:
@@ -38,14 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.follow is not None:
         return _follow_one(sources[0], options.follow)
     done = [_sync_one(source) for source in sources]
-    if all(done):
-        return 0
-    print(
-        "The metrics that are missing wait in the run directories. Try again later with the same "
-        "command: it brings over only what is missing.",
-        file=sys.stderr,
-    )
-    return 1
+    for problem in problems:
+        print(f"not brought over: {problem}", file=sys.stderr)
+    if not all(done):
+        print(
+            "The metrics that are missing wait in the run directories. Try again later with the "
+            "same command: it brings over only what is missing.",
+            file=sys.stderr,
+        )
+    return 0 if all(done) and not problems else 1
 
 
 def _parser() -> argparse.ArgumentParser:

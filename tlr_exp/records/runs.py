@@ -18,6 +18,7 @@ from tlr_exp.records.storage import storage_errors
 from tlr_exp.records.sweep_directory import SWEEP
 
 ARTIFACTS = "mlartifacts"  # where a local MLflow store beside the runs keeps its files
+TABLE_SUFFIX = ".parquet"  # of an exported study, which has a manifest, too, and is no run
 
 RUNS_LOCK = ".runs.lock"  # held in a study's folder while a run is looked for and made
 CREATE_TIMEOUT_S = 60.0
@@ -72,10 +73,10 @@ def find_runs(root: str | Path) -> list[RunDirectory]:
     """The run directories at or below `root`, by path; does not look inside runs or sweeps."""
     found = []
     for folder, subfolders, files in os.walk(root):
-        if MANIFEST in files:
+        if MANIFEST in files and not any(name.endswith(TABLE_SUFFIX) for name in files):
             found.append(RunDirectory(Path(folder).absolute()))
             subfolders.clear()
-        if SWEEP in files:  # it can hold exported tables, which have a manifest, too
+        if SWEEP in files:
             subfolders.clear()
         # MLflow's copies of manifests are not runs.
         subfolders[:] = [name for name in subfolders if name != ARTIFACTS]

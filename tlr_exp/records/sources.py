@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +15,9 @@ from tlr_exp.records.mirror import (
     check_tracking_uri,
     default_tracking_uri,
 )
-from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.runs import find_runs
-from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
+from tlr_exp.records.sweep_directory import SweepDirectory, SweepDirectoryError, find_sweeps
 
 DEFAULT_EXPERIMENT = "tlr_exp"
 
@@ -32,25 +32,39 @@ class Source:
     max_file_mb: float
 
 
+@dataclass(frozen=True)
+class Found:
+    """What lies at or below some paths.
+
+    folders: sweeps, then runs that belong to none of these, with the folder looked in for each.
+    problems: a sentence for each folder that looks like a run or a sweep and cannot be read.
+    """
+
+    folders: dict[RunDirectory | SweepDirectory, Path]
+    problems: tuple[str, ...]
+
+
 def find_sources(
     paths: Sequence[str],
     tracking_uri: str | None = None,
     experiment: str | None = None,
     max_file_mb: float | None = None,
-) -> list[Source]:
+) -> tuple[list[Source], tuple[str, ...]]:
     """The sweeps at or below `paths`, then the runs that belong to none of these; each once.
 
     What is None comes from the environment, from where the folder lies, or from its own records.
+    Beside them a sentence for each folder that cannot be read.
 
     Raises:
-        ValueError: a path that holds neither, or a URI or limit that cannot be.
+        ValueError: a path that holds nothing usable, or a URI or limit that cannot be.
     """
     limit = limit_of_environment() if max_file_mb is None else max_file_mb
+    found = found_below(paths)
     sources = []
-    for folder, root in found_below(paths).items():
+    for folder, root in found.folders.items():
         name = experiment or _study_of(folder) or DEFAULT_EXPERIMENT
         sources.append(Source(folder, store_of(folder, root, tracking_uri), name, limit))
-    return sources
+    return sources, found.problems
 
 
 def megabytes(text: str) -> float:
@@ -78,32 +92,53 @@ def limit_of_environment() -> float:
         raise ValueError(f"{LIMIT_VARIABLE}: {error}") from error
 
 
-def found_below(paths: Sequence[str]) -> dict[RunDirectory | SweepDirectory, Path]:
-    """The sweeps and runs named or contained in `paths`, with the folder they were looked for in.
-
-    Runs of one of these sweeps come with it.
+def found_below(paths: Sequence[str]) -> Found:
+    """The sweeps and runs named or contained in `paths`. Runs of a sweep come with it.
 
     Raises:
-        RunDirectoryError, SweepDirectoryError: a path is or holds nothing usable.
+        RunDirectoryError, SweepDirectoryError: there is nothing usable; the first reason.
     """
-    sweeps: dict[Path, tuple[SweepDirectory, Path]] = {}
-    runs: dict[Path, tuple[RunDirectory, Path]] = {}
+    roots: dict[Path, Path] = {}
+    sweeps: dict[Path, SweepDirectory] = {}
+    runs: dict[Path, RunDirectory] = {}
+    problems: dict[Path, ValueError] = {}
     for path in paths:
-        root = Path(path).absolute()
-        found_sweeps = find_sweeps(path)
-        found_runs = find_runs(path)
+        found_sweeps, found_runs = find_sweeps(path), find_runs(path)
         if not found_sweeps and not found_runs:
             RunDirectory.open(path)  # says what is wrong with it
-        for sweep in found_sweeps:
-            sweeps.setdefault(sweep.path, (SweepDirectory.open(sweep.path), root))
-        for run in found_runs:
-            runs.setdefault(run.path, (RunDirectory.open(run.path), root))
-    for sweep, _ in sweeps.values():
-        for job in sweep.jobs():
-            if job.run is not None:
-                runs.pop(sweep.study_folder / job.run, None)
-    found = [*sweeps.values(), *runs.values()]
-    return {folder: folder.path.parent if folder.path == root else root for folder, root in found}
+        for folder in (*found_sweeps, *found_runs):
+            roots.setdefault(folder.path, Path(path).absolute())
+            try:
+                if isinstance(folder, SweepDirectory):
+                    sweeps[folder.path] = SweepDirectory.open(folder.path)
+                else:
+                    runs[folder.path] = RunDirectory.open(folder.path)
+            except (RunDirectoryError, SweepDirectoryError) as error:
+                problems[folder.path] = error
+    for path in _runs_of_sweeps(sweeps, problems):
+        runs.pop(path, None)
+    folders = {**sweeps, **runs}
+    if problems and not folders:
+        raise next(iter(problems.values()))
+    where = {
+        folder: path.parent if path == roots[path] else roots[path]
+        for path, folder in folders.items()
+    }
+    return Found(where, tuple(str(error) for error in problems.values()))
+
+
+def _runs_of_sweeps(
+    sweeps: dict[Path, SweepDirectory], problems: dict[Path, ValueError]
+) -> Iterator[Path]:
+    """Where the runs of these sweeps lie. A sweep with a damaged record moves to the problems."""
+    for path, sweep in list(sweeps.items()):
+        try:
+            jobs = sweep.jobs()
+        except SweepDirectoryError as error:
+            problems[path] = error
+            del sweeps[path]
+            continue
+        yield from (sweep.study_folder / job.run for job in jobs if job.run is not None)
 
 
 def _study_of(folder: RunDirectory | SweepDirectory) -> str | None:
