@@ -108,7 +108,7 @@ def test_keys(recording):
     assert player.playing
 
 
-def test_it_plays_until_the_window_is_closed(drawn_robot, recording, monkeypatch):
+def test_it_plays_until_the_window_is_closed(drawn_robot, recording, monkeypatch, capsys):
     monkeypatch.setattr(native, "require_display", lambda: None)
     window = Window(drawn_robot.model, 3)
     opened = SimpleNamespace()
@@ -120,6 +120,9 @@ def test_it_plays_until_the_window_is_closed(drawn_robot, recording, monkeypatch
     monkeypatch.setattr(native.mujoco.viewer, "launch_passive", launch)
     native.view(recording, drawn_robot)
     assert window.synced == 3
+    told = capsys.readouterr().out
+    assert "close the window" in told
+    assert "Esc" not in told  # which in this viewer frees the camera
     assert (opened.data.qpos == recording.qpos).all(axis=1).any()
 
 

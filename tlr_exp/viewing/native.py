@@ -46,7 +46,7 @@ def view(recording: Recording, robot: Robot) -> None:
         )
     except RuntimeError as error:  # macOS without mjpython, a display without OpenGL
         raise ViewerUnavailable(f"MuJoCo's viewer does not open ({error}); --web does") from error
-    print(f"{recording.title}: space pauses, arrows step, Esc closes", flush=True)
+    print(f"{recording.title}: space pauses, arrows step; close the window to end", flush=True)
     ghost = mujoco.MjData(robot.model)
     with handle:
         aim(handle.cam, recording)
