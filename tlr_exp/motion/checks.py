@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES, joint_tables
+from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 
 # Columns of qpos and qvel: MuJoCo's free joint, then the joints in the order of JOINT_NAMES.
 ROOT_QUAT = slice(3, 7)
@@ -10,8 +10,6 @@ QPOS_JOINTS = slice(7, None)
 NUM_QPOS = 7 + len(JOINT_NAMES)
 NUM_QVEL = 6 + len(JOINT_NAMES)
 
-# Clips retargeted from people often rest on a joint limit or a little beyond it.
-LIMIT_TOLERANCE_RAD = 0.05
 UNIT_QUAT_TOLERANCE = 1e-3
 
 ARRAY_SHAPES = {
@@ -74,16 +72,4 @@ def check_unit(what: str, quats: np.ndarray) -> None:
         raise ValueError(
             f"motion clip: {what} holds a quaternion of norm "
             f"{np.linalg.norm(quats[where]):.4g} at {list(where)}; expected 1"
-        )
-
-
-def check_limits(joint_pos: np.ndarray) -> None:
-    low, high = joint_tables("beyondmimic")["joint_range_rad"].T
-    beyond = np.maximum(low - joint_pos, joint_pos - high)
-    frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
-    if beyond[frame, joint] > LIMIT_TOLERANCE_RAD:
-        raise ValueError(
-            f"motion clip: {JOINT_NAMES[joint]} is {joint_pos[frame, joint]:.3f} rad at frame "
-            f"{frame}; its range is [{low[joint]:.3f}, {high[joint]:.3f}] rad "
-            f"(tolerance {LIMIT_TOLERANCE_RAD})"
         )

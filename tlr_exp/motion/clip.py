@@ -24,11 +24,11 @@ from tlr_exp.motion.checks import (
     ROOT_QUAT,
     check_finite,
     check_fps,
-    check_limits,
     check_names,
     check_shapes,
     check_unit,
 )
+from tlr_exp.motion.joint_limits import check_limits
 from tlr_exp.motion.quaternions import angle_between, continuous, normalised
 from tlr_exp.robot import Robot
 

@@ -16,6 +16,7 @@ from tlr_exp.motion.importers.raw import (
     Options,
     RawMotion,
 )
+from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
 from tlr_exp.motion.quaternions import normalised
 from tlr_exp.robot import Robot
 
@@ -81,7 +82,7 @@ def import_motion(
         if (len(raw.qpos) - 1) / raw.fps > MAX_DURATION_S:
             raise MotionFileError(f"it is longer than {MAX_DURATION_S / 60:g} minutes")
         gap = kinematics_gap(raw.qpos, raw.bodies, robot) if raw.bodies else None
-        qpos, clamps = clamp_joints(raw.qpos, robot, clamp_rad)
+        qpos, clamps = within_limits(raw.qpos, robot, clamp_rad)
         clip = resample(clip_from_qpos(qpos, raw.fps, robot), CLIP_FPS, robot)
     except ValueError as error:
         text = "".join(c if c.isprintable() else " " for c in str(error))
@@ -162,7 +163,7 @@ def kinematics_gap(qpos: np.ndarray, bodies: Bodies, robot: Robot) -> Kinematics
     )
 
 
-def clamp_joints(
+def within_limits(
     qpos: np.ndarray, robot: Robot, clamp_rad: float
 ) -> tuple[np.ndarray, list[Clamp]]:
     """Set joints that are at most ``clamp_rad`` beyond their limits to the limit.
@@ -173,21 +174,14 @@ def clamp_joints(
     Raises:
         MotionFileError: a joint is further beyond.
     """
-    low, high = robot.joint_range_rad.T
-    joints = qpos[:, QPOS_JOINTS]
-    beyond = np.maximum(low - joints, joints - high)
-    frame, worst = np.unravel_index(beyond.argmax(), beyond.shape)
-    if beyond[frame, worst] > clamp_rad:
-        raise MotionFileError(
-            f"{JOINT_NAMES[worst]} is {joints[frame, worst]:.3f} rad at frame {frame}; its range "
-            f"is [{low[worst]:.3f}, {high[worst]:.3f}] rad, and at most {clamp_rad:g} rad beyond "
-            "are set to the limit"
-        )
-    clamped = qpos.copy()
-    clamped[:, QPOS_JOINTS] = np.clip(joints, low, high)
+    joints, limits = qpos[:, QPOS_JOINTS], robot.joint_range_rad
+    furthest, words = furthest_beyond(joints, limits)
+    if furthest > clamp_rad:
+        raise MotionFileError(f"{words}, and at most {clamp_rad:g} rad beyond are set to the limit")
+    beyond = beyond_limits(joints, limits)
     clamps = [
         Clamp(name, float(beyond[:, i].max()), int((beyond[:, i] > 0).sum()))
         for i, name in enumerate(JOINT_NAMES)
         if beyond[:, i].max() > 0
     ]
-    return clamped, clamps
+    return clamp_joints(qpos, limits), clamps

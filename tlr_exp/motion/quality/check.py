@@ -8,6 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from tlr_exp.g1 import FOOT_BODIES, JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip
+from tlr_exp.motion.joint_limits import beyond_limits
 from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, steady_contact, stretches
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
@@ -138,8 +139,7 @@ def _sliding(clip: MotionClip, floor: FloorContacts) -> Finding:
 
 def _joint_findings(clip: MotionClip, robot: Robot) -> list[Finding]:
     joints = clip.qpos[:, QPOS_JOINTS]
-    low, high = robot.joint_range_rad.T
-    beyond = np.maximum(low - joints, joints - high)
+    beyond = beyond_limits(joints, robot.joint_range_rad)
     # Between two frames, not at them: central differences would halve the speed of a spike.
     speed = 100 * clip.fps * np.abs(np.diff(joints, axis=0)) / robot.velocity_limit_rad_s
     findings = []

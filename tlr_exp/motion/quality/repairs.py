@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
 from tlr_exp.motion.quality.floor import CONTACT_M, floor_contacts
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
@@ -87,18 +88,14 @@ def cut_ends(qpos: np.ndarray, fps: float) -> tuple[np.ndarray, list[str]]:
 
 def clamp(qpos: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
     """Set joints of [T, 30] that are beyond a limit to the limit."""
-    low, high = robot.joint_range_rad.T
-    joints = qpos[:, QPOS_JOINTS]
-    beyond = np.maximum(low - joints, joints - high)
-    clamped = qpos.copy()
-    clamped[:, QPOS_JOINTS] = np.clip(joints, low, high)
+    beyond = beyond_limits(qpos[:, QPOS_JOINTS], robot.joint_range_rad)
     changes = [
         f"set {name} to its limit in {int((beyond[:, i] > 0).sum())} frames "
         f"(it was up to {beyond[:, i].max():.3f} rad beyond)"
         for i, name in enumerate(JOINT_NAMES)
         if beyond[:, i].max() > LIMITS["beyond joint limit"].ok
     ]
-    return (clamped, changes) if changes else (qpos, [])
+    return (clamp_joints(qpos, robot.joint_range_rad), changes) if changes else (qpos, [])
 
 
 def to_floor(
