@@ -3,9 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
+from standing import support_margin
 
 from tlr_exp.g1 import JOINT_NAMES, LINK_NAMES
-from tlr_exp.motion.feet import foot_extremes, half_planes, hip_offset, sole_points, support_margin
+from tlr_exp.motion.feet import foot_extremes, half_planes, hip_offset, sole_points
 from tlr_exp.robot import build_robot
 
 

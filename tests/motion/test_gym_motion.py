@@ -3,12 +3,13 @@
 import mujoco
 import numpy as np
 import pytest
+from standing import support_margin, zero_moment_point
 
 from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.balance import SLOW_SPEED_M_S
 from tlr_exp.motion.clip import kinematics_error
-from tlr_exp.motion.dynamics import centroidal, inverse_dynamics, zero_moment_point
-from tlr_exp.motion.feet import foot_extremes, sole_points, support_margin
+from tlr_exp.motion.dynamics import centroidal, inverse_dynamics
+from tlr_exp.motion.feet import foot_extremes, sole_points
 
 LIMIT_MARGIN_RAD = 0.05
 MAX_JOINT_JERK_RAD_S3 = 1000.0

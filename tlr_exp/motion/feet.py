@@ -82,15 +82,6 @@ def half_planes(points: np.ndarray) -> np.ndarray:
     return np.unique(ConvexHull(points).equations.round(12), axis=0)
 
 
-def support_margin(points: np.ndarray, position: np.ndarray) -> float:
-    """How far ``position`` [2] lies inside the convex hull of ``points`` [n, 2], in metres.
-
-    Negative outside, where its size is at most the distance to the hull.
-    """
-    planes = half_planes(points)
-    return float(-(planes[:, :2] @ position + planes[:, 2]).max())
-
-
 def hip_offset(robot: Robot, side: int) -> np.ndarray:
     """From the pelvis's origin to the axis of the hip's roll, [3] in the pelvis's frame."""
     model, data = robot.model, mujoco.MjData(robot.model)
