@@ -56,13 +56,17 @@ def test_submitit_on_this_machine(sweeper):
 
 
 @needs_submitit
-def test_slurm_gets_what_the_preset_says_and_ctrl_c_leaves_its_queue(sweeper, slurm):
+@pytest.mark.parametrize("how", ["Ctrl-C", "file"])
+def test_slurm_gets_what_the_preset_says_and_a_stop_leaves_its_queue(sweeper, slurm, how):
     (slurm / "hold").touch()
     asked = ("hydra.launcher.partition=gpu", "hydra.launcher.gpus_per_node=1")
     process = sweeper.start(*TWO, "hydra/launcher=slurm", *asked)
     sweeper.wait((slurm / "submitted.sh").exists, process)
     time.sleep(2.0)  # until it waits for the jobs
-    os.killpg(process.pid, signal.SIGINT)
+    if how == "file":
+        (sweeper.sweep.path / "stop").touch()
+    else:
+        os.killpg(process.pid, signal.SIGINT)
     status, output = sweeper.end(process)
     assert status == 130, output
     assert sweeper.statuses == ["waiting", "waiting"]
