@@ -10,6 +10,7 @@ from tlr_exp import input_files
 from tlr_exp.config import (
     NOT_IDENTITY,
     ConfigError,
+    _reward_problems,
     instantiate,
     load_settings,
     of_any_version,
@@ -19,6 +20,7 @@ from tlr_exp.config import (
 )
 from tlr_exp.constraints import CONSTRAINTS, violations
 from tlr_exp.records.runs import config_hash
+from tlr_exp.settings import RewardSettings
 
 CONF = Path(__file__).parents[1] / "conf"
 
@@ -82,7 +84,8 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("resume=maybe", ["resume is 'maybe'", "never, auto"]),
         ("device=tpu", ["device is 'tpu'", "cuda"]),
         ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
-        ("+extra=1", ["there is no key extra", "seed"]),
+        ("+extra=1", ["there is no key extra. Allowed here: ", "seed"]),
+        ("+ppo.gama=1", ["there is no key ppo.gama. Did you mean gamma? Allowed here: "]),
         ("+reward.goal.base_height=1", ["reward.goal.base_height", "reward.optimizing"]),
         ("reward.goal.body_pos=nan", ["reward.goal.body_pos is nan", "finite"]),
         ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),
@@ -155,6 +158,15 @@ def test_several_mistakes_are_named_together():
     with pytest.raises(ConfigError) as error:
         load_settings(composed("seed=-1", "ppo.gamma=2"))
     assert len(str(error.value).splitlines()) == 2
+
+
+def test_mistakes_stand_in_an_order_that_does_not_change():
+    twice = ["body_pos", "body_rot", "joint_pos", "joint_vel", "body_lin_vel", "feet_pos"]
+    reward = RewardSettings(**vars(load_settings(composed()).reward))
+    reward.goal = dict.fromkeys(twice, 1.0)
+    reward.optimizing = dict.fromkeys(twice, 1.0)
+    told = [line.split()[0] for line in _reward_problems(reward) if "stands in" in line]
+    assert told == [f"reward.goal.{name}" for name in sorted(twice)]
 
 
 def test_every_constrained_key_exists_in_some_configuration():

@@ -9,10 +9,11 @@ import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate as hydra_instantiate
@@ -152,14 +153,16 @@ def _explain_type_error(error: OmegaConfBaseException) -> str:
         siblings = _schema_keys(parent)
         close = difflib.get_close_matches(name, siblings, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
-        return f"there is no key {key};{hint} allowed here: {', '.join(siblings)}"
+        return f"there is no key {key}.{hint} Allowed here: {', '.join(siblings)}"
     return f"{key}: {message}"
 
 
 def _schema_keys(path: str) -> list[str]:
-    schema = OmegaConf.structured(Settings)
-    node = OmegaConf.select(schema, path) if path else schema
-    return [str(key) for key in node] if isinstance(node, DictConfig) else []
+    """The keys of a group. OmegaConf's schema does not tell: without defaults, groups are empty."""
+    group: Any = Settings
+    for name in filter(None, path.split(".")):
+        group = get_type_hints(group).get(name) if is_dataclass(group) else None
+    return [field.name for field in fields(group)] if is_dataclass(group) else []
 
 
 def _component_types(config: Mapping[str, Any]) -> Iterator[str]:
@@ -211,7 +214,7 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
                     f"reward.{group}.{name} is no reward term; allowed: "
                     f"{', '.join(keys.TERM_NAMES)}"
                 )
-    for name in {*reward.goal} & {*reward.optimizing}:
+    for name in sorted({*reward.goal} & {*reward.optimizing}):
         yield f"reward.goal.{name} stands in reward.optimizing, too; remove one of them"
     for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
         for name, coefficient in terms.items():

@@ -102,12 +102,8 @@ def test_join_writes_one_clip(paths, tmp_path, capsys):
         (["check", "absent.npz"], "there is no motion clip absent.npz"),
         (["check", __file__], "is no clip; if it is a motion of another project, make a clip of"),
         (["check", "absent"], "there is no motion 'absent'"),
-        (["check", "GOOD", "-o", "OUT"], "-o is for --fix"),
-        (["check", "GOOD", "--fix"], "--fix takes one clip and -o"),
-        (["check", "GOOD", "GOOD", "--fix", "-o", "OUT"], "--fix takes one clip"),
         (["check", "GOOD", "--fix", "-o", "GOOD", "--force"], "would replace the file"),
         (["check", "GOOD", "--fix", "-o", "HIGH"], "high.npz exists; --force replaces it"),
-        (["join", "GOOD", "-o", "OUT"], "joining needs at least two clips"),
         (["join", "GOOD", "GOOD", "-o", "OUT", "--blend", "5"], "shorter than the blend of 5 s"),
         (["join", "GOOD", "HIGH", "-o", "HIGH", "--force"], "would replace the file"),
         (["join", "GOOD", "absent.npz", "-o", "OUT"], "there is no motion clip absent.npz"),
@@ -121,3 +117,23 @@ def test_what_is_refused_leaves_nothing_behind(paths, tmp_path, arguments, messa
     assert message in error
     assert error.count("\n") == 1
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "GOOD", "-o", "OUT"], "-o is for --fix"),
+        (["check", "GOOD", "--fix"], "--fix takes one clip and -o"),
+        (["check", "GOOD", "GOOD", "--fix", "-o", "OUT"], "--fix takes one clip"),
+        (["check", "GOOD", "--fix", "-o", "out.yaml"], "must end in .npz"),
+        (["join", "GOOD", "-o", "OUT"], "joining needs at least two clips"),
+    ],
+)
+def test_wrong_arguments_have_their_own_status(paths, tmp_path, arguments, message, capsys):
+    before = sorted(tmp_path.iterdir())
+    names = {"GOOD": paths["good"], "OUT": tmp_path / "out.npz"}
+    assert main([str(names.get(argument, argument)) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == before

@@ -81,11 +81,11 @@ def test_a_refused_file_leaves_the_old_clip(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("output", "message"),
-    [("clip.pkl", "must end in .npz"), ("absent/clip.npz", "there is no folder")],
+    ("output", "message", "status"),
+    [("clip.pkl", "must end in .npz", 2), ("absent/clip.npz", "there is no folder", 1)],
 )
-def test_wrong_output(output, message, tmp_path, short_clip_path, capsys):
-    assert main(["import", str(short_clip_path), "-o", str(tmp_path / output)]) == 1
+def test_wrong_output(output, message, status, tmp_path, short_clip_path, capsys):
+    assert main(["import", str(short_clip_path), "-o", str(tmp_path / output)]) == status
     assert message in capsys.readouterr().err
 
 

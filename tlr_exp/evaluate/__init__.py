@@ -103,7 +103,8 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--pictures",
         action=argparse.BooleanOptionalAction,
-        help="draw keyframes and curves of the errors (default: where this machine can draw)",
+        help="draw curves of the errors, and keyframes (default: the keyframes where this machine "
+        "can draw, the curves always)",
     )
     parser.add_argument("--columns", type=int, default=8, help="moments of a strip (default: 8)")
     parser.add_argument(

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from tlr_exp.motion_tool import checking, importing, joining, looking, showing
+from tlr_exp.motion_tool.files import ArgumentsError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -14,6 +15,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return options.run(options) or 0
+    except ArgumentsError as error:
+        print(f"tlr-motion: {error}", file=sys.stderr)
+        return 2
     except (ValueError, OSError) as error:
         print(f"tlr-motion: {error}", file=sys.stderr)
         return 1

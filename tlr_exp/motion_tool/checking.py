@@ -16,7 +16,14 @@ from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.quality.check import Finding, check_clip, worst_verdict
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.repairs import GROUNDS, repair_clip
-from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, load_clip, size
+from tlr_exp.motion_tool.files import (
+    CLIP_HELP,
+    ArgumentsError,
+    add_output,
+    check_output,
+    load_clip,
+    size,
+)
 from tlr_exp.robot import build_robot
 
 _STYLES = {"ok": "green", "note": "cyan", "warn": "yellow", "fail": "bold red"}
@@ -49,14 +56,14 @@ def _run(options: argparse.Namespace) -> int:
     if options.fix:
         return _fix(options)
     if options.output:
-        raise ValueError("-o is for --fix: a check alone writes nothing")
+        raise ArgumentsError("-o is for --fix: a check alone writes nothing")
     return _check(options)
 
 
 def _fix(options: argparse.Namespace) -> int:
     """0 if nothing fails in the repaired clip; else 1, and it is written all the same."""
     if len(options.clips) != 1 or options.output is None:
-        raise ValueError("--fix takes one clip and -o CLIP.npz for the result")
+        raise ArgumentsError("--fix takes one clip and -o CLIP.npz for the result")
     (name,), output = options.clips, options.output
     check_output(output, [name], options.force)
     robot = build_robot()

@@ -13,6 +13,10 @@ from tlr_exp.robot import Robot
 CLIP_HELP = "an .npz clip, a .yaml of keyframes, or an authored name"
 
 
+class ArgumentsError(ValueError):
+    """Arguments that are wrong whatever the files hold; the message says what would be right."""
+
+
 def load_clip(name: str, robot: Robot) -> MotionClip:
     """A clip by the name of an authored motion, or from a ``.yaml`` or ``.npz`` file.
 
@@ -42,11 +46,12 @@ def check_output(output: Path, inputs: Iterable[str | Path], force: bool) -> Non
     """Refuse a place to which no clip may be written, before minutes of work.
 
     Raises:
-        ValueError: not an ``.npz``, no folder, or one of the inputs.
+        ArgumentsError: not an ``.npz``.
+        ValueError: no folder, or one of the inputs.
         FileExistsError: something is there, and ``force`` is not given.
     """
     if output.suffix != ".npz":
-        raise ValueError(f"{output}: the name of a clip must end in .npz")
+        raise ArgumentsError(f"{output}: the name of a clip must end in .npz")
     if not output.parent.is_dir():
         raise ValueError(f"{output}: there is no folder {output.parent}")
     for path in map(Path, inputs):

@@ -9,7 +9,13 @@ import numpy as np
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
 from tlr_exp.motion.quality.joining import BLEND_S, Seam, join_clips
 from tlr_exp.motion_tool.checking import print_findings
-from tlr_exp.motion_tool.files import CLIP_HELP, add_output, check_output, load_clip
+from tlr_exp.motion_tool.files import (
+    CLIP_HELP,
+    ArgumentsError,
+    add_output,
+    check_output,
+    load_clip,
+)
 from tlr_exp.robot import build_robot
 
 
@@ -29,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _join(options: argparse.Namespace) -> int:
     """0 if nothing fails in the joined clip; else 1, and it is written all the same."""
+    if len(options.clips) < 2:
+        raise ArgumentsError("joining needs at least two clips")
     check_output(options.output, options.clips, options.force)
     robot = build_robot()
     clips = [load_clip(name, robot) for name in options.clips]
