@@ -4,12 +4,14 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from tlr_exp import evaluate
 from tlr_exp.assembly import build_ppo
-from tlr_exp.pictures import graphics
+from tlr_exp.evaluate import measuring
+from tlr_exp.pictures import film, graphics, policy_strips
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
 
@@ -86,6 +88,49 @@ def test_pictures_and_video_lie_beside_the_table(run, tmp_path):
         *(f"000006-native_{kind}.png" for kind in ("joints", "bodies", "keyframes")),
         "000006-native.mp4",
     }
+
+
+def test_the_strip_of_a_measured_run_has_its_own_size(run, tmp_path, monkeypatch):
+    """--size and --quality are the video's: a strip of 8 pictures that large takes minutes."""
+    asked = {}
+
+    def draw(robot, rows, **options):
+        asked["strip"] = options
+        return np.zeros((1, 1, 3), np.uint8)
+
+    monkeypatch.setattr(measuring, "graphics_backend", lambda: "none")
+    monkeypatch.setattr(policy_strips, "policy_strip", draw)
+    monkeypatch.setattr(film, "film_evaluation", lambda *_, **options: asked.update(options))
+    command = [str(run), "-o", str(tmp_path), "--size", "1280x720", "--quality", "full"]
+    assert evaluate.main([*command, "--columns", "3"]) == 0
+    assert asked.pop("strip").keys() == {"title", "columns"}
+    assert asked == {"width": 1280, "height": 720, "quality": "full"}
+
+
+@pytest.mark.usefixtures("no_graphics")
+def test_pictures_are_not_replaced_unasked_and_not_after_the_roll_out(
+    run, tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "000006-native_joints.png").write_text("mine")
+    with monkeypatch.context() as patch:
+        patch.setattr(measuring, "evaluate", None)  # which is not to be called
+        assert evaluate.main([str(run), "-o", str(tmp_path)]) == 2
+    assert "000006-native_joints.png exists; --force replaces it" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["000006-native_joints.png"]
+    assert evaluate.main([str(run), "-o", str(tmp_path), "--force"]) == 0
+    assert (tmp_path / "000006-native_joints.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_numbers_are_replaced_unasked_by_the_same_alone(run, tmp_path, capsys):
+    record = evaluated(tmp_path, run)
+    assert evaluated(tmp_path, run) == record
+    assert "000006-native.json holds the same already" in capsys.readouterr().out
+    (tmp_path / "000006-native.json").write_text("{}")
+    bare = [str(run), "--no-video", "--no-pictures", "-o", str(tmp_path)]
+    assert evaluate.main(bare) == 2
+    assert "000006-native.json exists; --force replaces it" in capsys.readouterr().err
+    assert (tmp_path / "000006-native.json").read_text() == "{}"
+    assert evaluated(tmp_path, run, "--force") == record
 
 
 CURVES = [".json", "_bodies.png", "_joints.png"]

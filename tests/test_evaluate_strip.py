@@ -84,7 +84,7 @@ def test_best_checkpoints_and_files(runs, tmp_path, drawn, settings_of):
     assert evaluate.main([runs[0], str(early), "--checkpoint", "best", *command]) == 0
     assert drawn == [("short", ["static\niteration 2", "random weights\niteration 7"])]
     files = [f"{run}/checkpoints/000020.pt" for run in runs]
-    assert evaluate.main([*files, *command]) == 0
+    assert evaluate.main([*files, *command, "--force"]) == 0
     assert drawn[1] == ("short, iteration 20 of 50", ["static", "two-layered (GWO)"])
 
 
@@ -94,7 +94,7 @@ def test_rows_of_one_method_are_told_apart(runs, tmp_path, drawn, settings_of):
     command = ["--strip", "--iterations", "2", "-o", str(tmp_path / "a.png")]
     assert evaluate.main([*runs, str(other), *command]) == 0
     assert drawn[0][1] == ["static", "two-layered (GWO)\nseed 0", "two-layered (GWO)\nseed 3"]
-    assert evaluate.main([str(other), str(twin), *command]) == 0
+    assert evaluate.main([str(other), str(twin), *command, "--force"]) == 0
     assert drawn[1][1] == [f"two-layered (GWO)\nseed 3\n{name}" for name in ("other", "twin")]
 
 
@@ -133,6 +133,20 @@ def test_mistakes_leave_nothing(runs, tmp_path, monkeypatch, capsys, arguments, 
     for word in words:
         assert word in error
     assert names(tmp_path) == []
+
+
+def test_a_strip_of_others_is_not_replaced_unasked(runs, tmp_path, monkeypatch, drawn, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "strip-20percent.png").write_text("mine")
+    command = [*runs, "--strip", "--shares"]
+    assert evaluate.main([*command, "4,20"]) == 2
+    assert capsys.readouterr().err.endswith("strip-20percent.png exists; --force replaces it\n")
+    assert drawn == []  # not the first one either
+    assert names(tmp_path) == ["strip-20percent.png"]
+    assert (tmp_path / "strip-20percent.png").read_text() == "mine"
+    assert evaluate.main([*command, "4,20", "--force"]) == 0
+    assert len(drawn) == 2
+    assert evaluate.main([*command, "20"]) == 0  # strip.png: another file
 
 
 @pytest.mark.parametrize("text", ["", "4,,20", "-4", "0", "many"])

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from tlr_exp.evaluate.choosing import Choice, choose, load_policy
+from tlr_exp.outputs import add_force
 from tlr_exp.pictures.sizes import size_argument
 
 __all__ = ["Choice", "choose", "load_policy", "main"]
@@ -111,10 +112,12 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
         "--size",
         type=size_argument,
         metavar="WxH",
-        help="pixels of a video, or of a picture in a strip",
+        help="pixels of the video; with --strip, of one of its pictures",
     )
     parser.add_argument(
-        "--quality", choices=["fast", "full"], help="default: full for strips, fast for videos"
+        "--quality",
+        choices=["fast", "full"],
+        help="of the video (default: fast); with --strip, of the strip (default: full)",
     )
     parser.add_argument(
         "-o",
@@ -123,6 +126,7 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="folder (default: RUN/eval); with --strip the PNG (default: strip.png)",
     )
+    add_force(parser, "pictures and numbers that exist")
 
 
 def _check(options: argparse.Namespace) -> None:

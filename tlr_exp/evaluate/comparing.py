@@ -12,6 +12,7 @@ import numpy as np
 from tlr_exp.assembly import build_clip, build_robot_of
 from tlr_exp.evaluate.choosing import BEST, LAST, Choice, choose
 from tlr_exp.evaluate.policies import evaluate, picture_size, row_of
+from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import graphics_backend
 from tlr_exp.pictures.media import write_image
 from tlr_exp.pictures.policy_strips import policy_strip
@@ -34,6 +35,7 @@ def compare(options: argparse.Namespace) -> None:
 
     Raises:
         ValueError: a run has no such checkpoint, or the runs are not of one motion and robot.
+        FileExistsError: a strip is there already, and --force is not given.
         GraphicsUnavailable: nothing can be drawn on this machine.
     """
     path = options.output or Path("strip.png")
@@ -42,11 +44,12 @@ def compare(options: argparse.Namespace) -> None:
     if not path.absolute().parent.is_dir():
         raise ValueError(f"-o {path}: there is no folder {path.absolute().parent}")
     moments = find_moments(options)
+    files = strip_paths(path, moments)
+    check_free(files, options.force)
     check_one_motion(moments[0].choices)
     graphics_backend()
     robot = build_robot_of(moments[0].choices[0].settings.env, visuals=True)
-    for moment in moments:
-        file = path.with_stem(path.stem + moment.suffix) if len(moments) > 1 else path
+    for moment, file in zip(moments, files, strict=True):
         print(f"drawing {file} ...", flush=True)
         evaluations = [evaluate(choice) for choice in moment.choices]
         rows = [row_of(evaluation, moment.choices) for evaluation in evaluations]
@@ -59,6 +62,13 @@ def compare(options: argparse.Namespace) -> None:
             **picture_size(options.size),
         )
         print(f"wrote {write_image(file, strip)}")
+
+
+def strip_paths(path: Path, moments: Sequence[Moment]) -> list[Path]:
+    """Where the strip of each moment goes: to ``path`` itself where there is one moment only."""
+    if len(moments) == 1:
+        return [path]
+    return [path.with_stem(path.stem + moment.suffix) for moment in moments]
 
 
 def find_moments(options: argparse.Namespace) -> list[Moment]:

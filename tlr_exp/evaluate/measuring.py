@@ -10,8 +10,9 @@ from typing import Any
 
 from tlr_exp.assembly import build_robot_of
 from tlr_exp.evaluate.choosing import Choice, choose
-from tlr_exp.evaluate.policies import Evaluation, evaluate, picture_size, row_of
+from tlr_exp.evaluate.policies import Evaluation, evaluate, row_of
 from tlr_exp.evaluation import result_table
+from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.records.storage import atomic_write
 from tlr_exp.robot import Robot
@@ -20,26 +21,57 @@ VIDEO_SIZE = (640, 480)
 
 
 def measure(options: argparse.Namespace) -> None:
-    """``tlr-evaluate RUN``."""
+    """``tlr-evaluate RUN``.
+
+    Raises:
+        FileExistsError: pictures are there already, or other numbers, and --force is not given.
+        GraphicsUnavailable: a picture was asked for that cannot be drawn on this machine.
+    """
     choice = choose(options.runs[0], options.checkpoint, options.physics)
 
     from rich.console import Console
 
     folder = options.output or choice.run / "eval"
+    name = f"{choice.iteration:06d}-{choice.physics}"
+    paths = output_paths(options, folder, name)
+    check_free([path for part, path in paths.items() if part != "json"], options.force)
     folder.mkdir(parents=True, exist_ok=True)
     evaluation = evaluate(choice)
     Console().print(result_table(evaluation.result, evaluation.title))
     record = {**_origin(choice), **evaluation.result.to_dict()}
-    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-    name = f"{choice.iteration:06d}-{choice.physics}"
-    atomic_write(folder / f"{name}.json", f"{text}\n".encode())
-    print(f"wrote {folder / name}.json")
+    write_record(paths["json"], record, options.force)
     if options.pictures is not False:
-        _plot(folder, name, evaluation)
-    _draw(options, folder, name, evaluation)
+        _plot(paths, evaluation)
+    _draw(options, paths, evaluation)
 
 
-def _plot(folder: Path, name: str, evaluation: Evaluation) -> None:
+def output_paths(options: argparse.Namespace, folder: Path, name: str) -> dict[str, Path]:
+    """What is to be written, by the names of its parts; ``json`` is always among it."""
+    endings = {"json": ".json"}
+    if options.pictures is not False:
+        endings |= {part: f"_{part}.png" for part in ("joints", "bodies", "keyframes")}
+    if options.video is not False:
+        endings["video"] = ".mp4"
+    return {part: folder / f"{name}{ending}" for part, ending in endings.items()}
+
+
+def write_record(path: Path, record: dict[str, Any], force: bool) -> None:
+    """Write ``record`` as JSON; a file that holds the same already is left as it is.
+
+    Raises:
+        FileExistsError: the file holds something else, and ``force`` is not given.
+    """
+    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
+    content = f"{text}\n".encode()
+    if path.exists() and path.read_bytes() == content:
+        print(f"{path} holds the same already")
+        return
+    check_free([path], force)
+    atomic_write(path, content)
+    print(f"wrote {path}")
+
+
+def _plot(paths: dict[str, Path], evaluation: Evaluation) -> None:
     from tlr_exp.pictures.clip_plots import write_figure
     from tlr_exp.pictures.error_plots import body_error_figure, joint_error_figure
 
@@ -48,10 +80,10 @@ def _plot(folder: Path, name: str, evaluation: Evaluation) -> None:
         ("joints", joint_error_figure(trajectory, title)),
         ("bodies", body_error_figure(trajectory, evaluation.result, title)),
     ):
-        print(f"wrote {write_figure(folder / f'{name}_{kind}.png', figure)}")
+        print(f"wrote {write_figure(paths[kind], figure)}")
 
 
-def _draw(options: argparse.Namespace, folder: Path, name: str, evaluation: Evaluation) -> None:
+def _draw(options: argparse.Namespace, paths: dict[str, Path], evaluation: Evaluation) -> None:
     wanted = [part for part in ("pictures", "video") if getattr(options, part) is not False]
     if not wanted:
         return
@@ -64,38 +96,33 @@ def _draw(options: argparse.Namespace, folder: Path, name: str, evaluation: Eval
         return
     robot = build_robot_of(evaluation.choice.settings.env, visuals=True)
     if "pictures" in wanted:
-        _draw_keyframes(options, folder / f"{name}_keyframes.png", evaluation, robot)
+        _draw_keyframes(paths["keyframes"], evaluation, robot, options.columns)
     if "video" in wanted:
-        from tlr_exp.pictures.film import film_evaluation
-
-        print("drawing the video ...", flush=True)
-        path = folder / f"{name}.mp4"
-        width, height = options.size or VIDEO_SIZE
-        film_evaluation(
-            *(path, robot, evaluation.trajectory),
-            width=width,
-            height=height,
-            quality=options.quality or "fast",
-        )
-        print(f"wrote {path}")
+        _film(options, paths["video"], evaluation, robot)
 
 
-def _draw_keyframes(
-    options: argparse.Namespace, path: Path, evaluation: Evaluation, robot: Robot
-) -> None:
+def _draw_keyframes(path: Path, evaluation: Evaluation, robot: Robot, columns: int) -> None:
+    """In the strip's own size and quality: --size and --quality are the video's."""
     from tlr_exp.pictures.media import write_image
     from tlr_exp.pictures.policy_strips import policy_strip
 
     print("drawing the keyframes ...", flush=True)
-    strip = policy_strip(
-        robot,
-        [row_of(evaluation, ())],
-        title=evaluation.title,
-        columns=options.columns,
-        quality=options.quality or "full",
-        **picture_size(options.size),
-    )
+    strip = policy_strip(robot, [row_of(evaluation, ())], title=evaluation.title, columns=columns)
     print(f"wrote {write_image(path, strip)}")
+
+
+def _film(options: argparse.Namespace, path: Path, evaluation: Evaluation, robot: Robot) -> None:
+    from tlr_exp.pictures.film import film_evaluation
+
+    print("drawing the video ...", flush=True)
+    width, height = options.size or VIDEO_SIZE
+    film_evaluation(
+        *(path, robot, evaluation.trajectory),
+        width=width,
+        height=height,
+        quality=options.quality or "fast",
+    )
+    print(f"wrote {path}")
 
 
 def _origin(choice: Choice) -> dict[str, Any]:

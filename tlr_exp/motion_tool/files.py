@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.keyframes import load_motion
+from tlr_exp.outputs import add_force, check_free
 from tlr_exp.robot import Robot
 
 CLIP_HELP = "an .npz clip, a .yaml of keyframes, or an authored name"
@@ -39,7 +40,7 @@ def load_clip(name: str, robot: Robot) -> MotionClip:
 def add_output(parser: argparse.ArgumentParser, required: bool) -> None:
     """The options -o and --force of a command that writes a clip."""
     parser.add_argument("-o", "--output", metavar="CLIP.npz", type=Path, required=required)
-    parser.add_argument("--force", action="store_true", help="replace CLIP.npz if it exists")
+    add_force(parser, "CLIP.npz if it exists")
 
 
 def check_output(output: Path, inputs: Iterable[str | Path], force: bool) -> None:
@@ -57,8 +58,7 @@ def check_output(output: Path, inputs: Iterable[str | Path], force: bool) -> Non
     for path in map(Path, inputs):
         if output.exists() and path.exists() and output.samefile(path):
             raise ValueError(f"{output}: the clip would replace the file it is made from")
-    if output.exists() and not force:
-        raise FileExistsError(f"{output} exists; --force replaces it")
+    check_free([output], force)
 
 
 def size(clip: MotionClip) -> str:
