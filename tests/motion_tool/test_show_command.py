@@ -6,6 +6,7 @@ import pytest
 from tlr_exp.motion_tool import main
 from tlr_exp.pictures import clip_pictures
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
+from tlr_exp.viewing import native, web
 
 
 @pytest.fixture
@@ -58,21 +59,22 @@ def test_an_empty_folder_is_not_left_behind(short_clip_path, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "message", "status"),
     [
-        (["absent.npz"], "there is no motion clip absent.npz"),
-        (["CLIP", "--columns", "0"], "--columns is 0"),
-        (["CLIP", "--only", "video", "--fps", "0"], "frame rate is 0"),
-        (["CLIP", "--only", "keyframes", "--times", "0.1", "9"], "9 s is not within the clip"),
-        (["CLIP", "-o", "no/folder"], "No such file"),
+        (["absent.npz"], "there is no motion clip absent.npz", 1),
+        (["CLIP", "--columns", "0"], "--columns is 0", 2),
+        (["CLIP", "--only", "video", "--fps", "0"], "frame rate is 0", 2),
+        (["CLIP", "--web", "65536"], "--web is 65536", 2),
+        (["CLIP", "--only", "keyframes", "--times", "0.1", "9"], "9 s is not within the clip", 1),
+        (["CLIP", "-o", "no/folder"], "No such file", 1),
     ],
 )
 def test_what_is_refused_leaves_nothing(
-    short_clip_path, tmp_path, monkeypatch, arguments, message, capsys
+    short_clip_path, tmp_path, monkeypatch, arguments, message, status, capsys
 ):
     monkeypatch.chdir(tmp_path)
     names = {"CLIP": str(short_clip_path)}
-    assert main(["show", *(names.get(argument, argument) for argument in arguments)]) == 1
+    assert main(["show", *(names.get(argument, argument) for argument in arguments)]) == status
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
@@ -97,3 +99,34 @@ def test_times_are_taken_as_they_are(short_clip_path, tmp_path, monkeypatch):
     assert main([*command, "--columns", "3"]) == 0
     np.testing.assert_allclose(seen[0], [0.1, 0.5])
     np.testing.assert_allclose(seen[1], [0.0, 0.4, 0.8])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "port"), [(["--view"], None), (["--web"], 8080), (["--web", "0"], 0)]
+)
+def test_a_viewer_gets_the_clip_and_nothing_is_written(
+    short_clip, short_clip_path, tmp_path, monkeypatch, arguments, port
+):
+    monkeypatch.chdir(tmp_path)
+    shown = []
+    monkeypatch.setattr(native, "require_display", lambda: None)
+    monkeypatch.setattr(web, "require_packages", lambda: None)
+    monkeypatch.setattr(native, "view", lambda recording, robot: shown.append((recording, None)))
+    monkeypatch.setattr(
+        web, "serve", lambda recording, robot, port: shown.append((recording, port))
+    )
+    assert main(["show", str(short_clip_path), *arguments]) == 0
+    ((recording, given),) = shown
+    assert given == port
+    assert recording.title == "short: 41 frames at 50 fps, 0.80 s"
+    np.testing.assert_array_equal(recording.qpos, short_clip.qpos)
+    assert recording.reference_qpos is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_viewer_it_is_said_in_one_line(short_clip_path, monkeypatch, capsys):
+    monkeypatch.setattr(web, "find_spec", lambda name: None)
+    assert main(["show", str(short_clip_path), "--web"]) == 1
+    told = capsys.readouterr()
+    assert told.err == "tlr-motion: --web needs viser and mjviser: pip install 'tlr_exp[web]'\n"
+    assert told.out == ""

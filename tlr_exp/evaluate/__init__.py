@@ -9,10 +9,9 @@ from pathlib import Path
 from tlr_exp.evaluate.choosing import Choice, choose, load_policy
 from tlr_exp.outputs import add_force
 from tlr_exp.pictures.sizes import size_argument
+from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
 
 __all__ = ["Choice", "choose", "load_policy", "main"]
-
-WEB_PORT = 8080
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,7 +35,7 @@ def _run(options: argparse.Namespace) -> None:
         from tlr_exp.evaluate.comparing import compare
 
         compare(options)
-    elif options.view or options.web is not None:
+    elif viewer_wanted(options):
         from tlr_exp.evaluate.watching import watch
 
         watch(options)
@@ -63,15 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="draw the runs below their reference, one PNG a checkpoint (Figures 9-12)",
     )
-    what.add_argument("--view", action="store_true", help="open MuJoCo's viewer (needs a display)")
-    what.add_argument(
-        "--web",
-        type=int,
-        metavar="PORT",
-        nargs="?",
-        const=WEB_PORT,
-        help=f"serve a 3D view to a browser on this machine (default port: {WEB_PORT})",
-    )
+    add_viewers(what)
     _add_checkpoints(parser)
     _add_pictures(parser)
     return parser
@@ -138,8 +129,7 @@ def _check(options: argparse.Namespace) -> None:
             raise ValueError(f"--{name} needs --strip")
     if options.columns < 1:
         raise ValueError(f"--columns is {options.columns}; it must be at least 1")
-    if options.web is not None and not 0 <= options.web < 65536:
-        raise ValueError(f"--web is {options.web}; a port is 0 (any free one) to 65535")
+    check_port(options)
 
 
 def _numbers(kind: type):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tlr_exp.evaluate.choosing import choose
+from tlr_exp.viewing.options import play, require_viewer
 
 
 def watch(options: argparse.Namespace) -> None:
@@ -14,14 +15,7 @@ def watch(options: argparse.Namespace) -> None:
         ViewerUnavailable: no display, or a package is missing; before the policy is rolled out.
     """
     choice = choose(options.runs[0], options.checkpoint, options.physics)
-    if options.view:
-        from tlr_exp.viewing.native import require_display
-
-        require_display()
-    else:
-        from tlr_exp.viewing.web import require_packages
-
-        require_packages()
+    require_viewer(options)
 
     from rich.console import Console
 
@@ -32,13 +26,5 @@ def watch(options: argparse.Namespace) -> None:
 
     evaluation = evaluate(choice)
     Console().print(result_table(evaluation.result, evaluation.title))
-    robot = build_robot_of(choice.settings.env, visuals=True)
     recording = recording_of_trajectory(evaluation.trajectory, evaluation.title)
-    if options.view:
-        from tlr_exp.viewing.native import view
-
-        view(recording, robot)
-    else:
-        from tlr_exp.viewing.web import serve
-
-        serve(recording, robot, options.web)
+    play(recording, build_robot_of(choice.settings.env, visuals=True), options)

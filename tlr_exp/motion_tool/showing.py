@@ -1,8 +1,9 @@
-"""tlr-motion show: a clip as a video, a strip of keyframes, curves of joints and bodies."""
+"""tlr-motion show: a clip as a video, a strip of keyframes, curves; or in a viewer."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -11,9 +12,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.motion_tool.files import CLIP_HELP, load_clip, size
+from tlr_exp.motion_tool.files import CLIP_HELP, ArgumentsError, load_clip, size
+from tlr_exp.outputs import add_force, check_free
 from tlr_exp.pictures.sizes import size_argument
 from tlr_exp.robot import Robot, build_robot
+from tlr_exp.viewing import ViewerUnavailable
+from tlr_exp.viewing.options import add_viewers, check_port, play, require_viewer, viewer_wanted
 
 PARTS = ("joints", "bodies", "keyframes", "video")
 _ENDINGS = {
@@ -29,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FOLDER", type=Path, help="by default the clip's name + _pictures"
     )
-    parser.add_argument("--force", action="store_true", help="replace pictures that exist")
+    add_force(parser, "pictures that exist")
     parser.add_argument(
         "--only", nargs="+", choices=PARTS, default=list(PARTS), help="which pictures"
     )
@@ -49,29 +53,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--columns", type=int, default=8, help="pictures of the strip, evenly spread (default: 8)"
     )
     when.add_argument("--times", metavar="S", type=float, nargs="+", help="or at these times")
+    add_viewers(parser.add_mutually_exclusive_group())
     parser.set_defaults(run=_show)
 
 
 def _show(options: argparse.Namespace) -> int:
-    """0: all is drawn; 1: this machine has no graphics, only the curves are."""
-    # Only here: what draws takes long to import.
-    from tlr_exp.pictures.clip_pictures import frames_at, shown_frames
-
+    _check(options)
     name = options.clip
     if name.endswith((".npz", ".yaml", ".yml")):
         name = Path(name).stem
+    return _watch(options, name) if viewer_wanted(options) else _draw(options, name)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what no clip can be shown by, before anything slow is loaded."""
+    if options.columns < 1:
+        raise ArgumentsError(f"--columns is {options.columns}; it must be at least 1")
+    if not 0 < options.fps < math.inf:
+        raise ArgumentsError(f"the video's frame rate is {options.fps:g}; it must be positive")
+    try:
+        check_port(options)
+    except ValueError as error:
+        raise ArgumentsError(str(error)) from error
+
+
+def _watch(options: argparse.Namespace, name: str) -> int:
+    """0: shown until the viewer was closed, nothing is written; 1: no viewer opens here."""
+    from tlr_exp.viewing.recording import recording_of_clip
+
+    try:
+        require_viewer(options)
+        robot = build_robot(visuals=True)
+        clip = load_clip(options.clip, robot)
+        play(recording_of_clip(clip, f"{name}: {size(clip)}"), robot, options)
+    except ViewerUnavailable as error:
+        print(f"tlr-motion: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _draw(options: argparse.Namespace, name: str) -> int:
+    """0: all is drawn; 1: this machine has no graphics, only the curves are."""
+    # Only here: what draws takes long to import.
+    from tlr_exp.pictures.clip_pictures import frames_at
+
     robot = build_robot(visuals=True)
     clip = load_clip(options.clip, robot)
-    shown_frames(clip, options.fps)
-    if options.columns < 1:
-        raise ValueError(f"--columns is {options.columns}; it must be at least 1")
     times = np.array(options.times or np.linspace(0.0, clip.duration_s, options.columns))
     frames_at(clip, times)
     folder: Path = options.output or Path(f"{name}_pictures")
     paths = {part: folder / f"{name}{_ENDINGS[part]}" for part in PARTS if part in options.only}
-    existing = [path for path in paths.values() if path.exists()]
-    if existing and not options.force:
-        raise FileExistsError(f"{existing[0]} exists; --force replaces it")
+    check_free(paths.values(), options.force)
     print(f"{options.clip}: {size(clip)}")
     made = not folder.exists()
     folder.mkdir(exist_ok=True)
