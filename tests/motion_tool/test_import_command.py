@@ -1,11 +1,15 @@
 """tlr-motion: what it writes, says and refuses to overwrite."""
 
+import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
-from tlr_exp.motion.clip import MotionClip
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
+from tlr_exp.motion.clips import motion_names
+from tlr_exp.motion.quality.floor import floor_contacts
 from tlr_exp.motion_tool import main
 
 
@@ -107,11 +111,40 @@ def test_info(short_clip_path, capsys):
     assert "at most 0.000 mm" in out
 
 
+def test_info_says_what_a_motion_asks_of_a_robot(tmp_path, robot, capsys):
+    """Standing on the floor: each foot carries half of the weight, and the floor can give that."""
+    qpos = np.zeros((11, 30))
+    qpos[:, 3] = 1.0
+    qpos[:, 7:] = robot.default_joint_pos_rad
+    qpos[:, 2] -= floor_contacts(clip_from_qpos(qpos, 50.0, robot), robot).lowest.min()
+    clip_from_qpos(qpos, 50.0, robot).save(tmp_path / "stand.npz")
+    assert main(["info", str(tmp_path / "stand.npz")]) == 0
+    torque, floor, unmet = capsys.readouterr().out.splitlines()[-3:]
+    weight = mujoco.mj_getTotalmass(robot.model) * 9.81
+    left, right, weighs = (float(number) for number in re.findall(r"(\d+) N", floor))
+    assert weighs == pytest.approx(weight, abs=0.6)
+    assert left + right == pytest.approx(weight, abs=2)
+    assert left == pytest.approx(right, rel=0.05)
+    assert float(re.search(r"([\d.]+) % of its limit", torque)[1]) < 60
+    assert float(re.search(r"at most ([\d.]+) N", unmet)[1]) < 1
+    qpos[:, 2] += 0.1  # hovering: no floor gives the weight
+    clip_from_qpos(qpos, 50.0, robot).save(tmp_path / "hover.npz")
+    assert main(["info", str(tmp_path / "hover.npz")]) == 0
+    unmet = capsys.readouterr().out.splitlines()[-1]
+    assert float(re.search(r"at most ([\d.]+) N", unmet)[1]) == pytest.approx(weight, rel=0.01)
+
+
 def test_info_of_what_is_no_clip(tmp_path, capsys):
     assert main(["info", str(tmp_path / "absent.npz")]) == 1
     assert "there is no motion clip" in capsys.readouterr().err
 
 
-def test_list(capsys):
+def test_list(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
     assert main(["list"]) == 0
-    assert "gym_motion" in capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().out.splitlines()
+    named = [line.split()[:3] for line in lines if line[0] != " "]
+    assert ["gym_motion", "8.0", "s"] in named
+    assert [name for name, *_ in named] == motion_names()
+    assert "Seven steps forwards from standing to" in next(li for li in lines if "walk" in li)
+    assert max(map(len, lines)) <= 60

@@ -1,18 +1,26 @@
-"""tlr-motion info and list: what a clip holds, which motions there are."""
+"""tlr-motion info and list: what a clip holds and asks of a robot, which motions there are."""
 
 from __future__ import annotations
 
 import argparse
+import shutil
+import textwrap
 
+import mujoco
 import numpy as np
+import yaml
 
 from tlr_exp.g1 import JOINT_NAMES
+from tlr_exp.input_files import motion_content
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, kinematics_error
 from tlr_exp.motion.clips import motion_names
+from tlr_exp.motion.dynamics import inverse_dynamics
 from tlr_exp.motion.quaternions import angle_between
 from tlr_exp.motion_tool.files import CLIP_HELP, load_clip, size
 from tlr_exp.robot import Robot, build_robot
+
+_NAME_WIDTH, _LEAST_TEXT_WIDTH = 12, 40
 
 
 def add_info(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +36,7 @@ def _info(options: argparse.Namespace) -> None:
     robot = build_robot()
     clip = load_clip(options.clip, robot)
     print(f"{options.clip}: {size(clip)}")
-    for line in _measures(clip, robot):
+    for line in (*_measures(clip, robot), *_demands(clip, robot)):
         print(f"  {line}")
 
 
@@ -49,6 +57,29 @@ def _measures(clip: MotionClip, robot: Robot) -> list[str]:
     ]
 
 
+def _demands(clip: MotionClip, robot: Robot) -> list[str]:
+    """What the motion asks of motors and floor, by inverse dynamics."""
+    effort = inverse_dynamics(clip, robot)
+    share = np.abs(effort.joint_torque) / robot.effort_limit_nm
+    frame, joint = np.unravel_index(share.argmax(), share.shape)
+    left, right = effort.foot_force.max(axis=0)
+    weight = mujoco.mj_getTotalmass(robot.model) * np.linalg.norm(robot.model.opt.gravity)
+    hardest = int(effort.unmet_force.argmax())
+    return [
+        f"largest torque: {JOINT_NAMES[joint]} at {frame / clip.fps:.2f} s, "
+        f"{100 * share.max():.0f} % of its limit (better below 60 %)",
+        f"floor on a foot: up to {left:.0f} N left, {right:.0f} N right; the robot weighs "
+        f"{weight:.0f} N",
+        f"force that no floor can give: at most {effort.unmet_force[hardest]:.1f} N, at "
+        f"{hardest / clip.fps:.2f} s (a robot can do what needs next to none)",
+    ]
+
+
 def _list(options: argparse.Namespace) -> None:
+    indent = " " * (_NAME_WIDTH + len(" 0.0 s  "))
+    width = max(shutil.get_terminal_size().columns, len(indent) + _LEAST_TEXT_WIDTH)
     for name in motion_names():
-        print(name)
+        script = yaml.safe_load(motion_content(name))
+        seconds = script["keyframes"][-1]["time_s"]
+        text = f"{name:{_NAME_WIDTH}} {seconds:3.1f} s  {' '.join(script['description'].split())}"
+        print(textwrap.fill(text, width, subsequent_indent=indent))
