@@ -113,7 +113,7 @@ def test_pictures_are_not_replaced_unasked_and_not_after_the_roll_out(
 ):
     (tmp_path / "000006-native_joints.png").write_text("mine")
     with monkeypatch.context() as patch:
-        patch.setattr(measuring, "evaluate", None)  # which is not to be called
+        patch.setattr(measuring, "evaluate_starts", None)  # which is not to be called
         assert evaluate.main([str(run), "-o", str(tmp_path)]) == 2
     assert "000006-native_joints.png exists; --force replaces it" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["000006-native_joints.png"]
@@ -198,6 +198,9 @@ def test_the_policy_is_that_of_the_checkpoint(run):
         (["--iterations", "3"], ["--iterations needs --strip"]),
         (["other-run"], ["2 runs are compared with --strip"]),
         (["--columns", "0"], ["--columns is 0"]),
+        (["--starts", "0"], ["--starts is 0"]),
+        (["--starts", "2", "--web"], ["--starts is for numbers"]),
+        (["--starts", "40"], ["--starts is 40", "only 39 steps"]),
         (["--web", "65536"], ["--web is 65536"]),
     ],
 )

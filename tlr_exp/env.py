@@ -70,6 +70,7 @@ class TrackingEnv(EnvBase):
         self.reference = reference
         self.settings = settings
         self.failures = failures
+        self.first_frame = 0  # where episodes begin with the start phase "zero"
         self.term_names = tuple(terms)
         self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
 
@@ -247,7 +248,7 @@ class TrackingEnv(EnvBase):
 
     def _draw_start_frames(self, count: int) -> Tensor:
         if self.settings.start_phase == "zero":
-            return torch.zeros(count, dtype=torch.int64, device=self.device)
+            return torch.full((count,), self.first_frame, device=self.device)
         latest = self.reference.num_frames - 1 - self.settings.reference_lead
         return torch.randint(latest, (count,), generator=self.generator, device=self.device)
 

@@ -48,14 +48,23 @@ def _run(options: argparse.Namespace) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-evaluate",
-        description="Run a trained policy once through its motion: without exploration noise, "
-        "from phase 0, without termination. Writes a table, JSON, pictures and a video; or draws "
-        "the policies of several runs in one strip; or shows the policy in a viewer.",
+        description="Run a trained policy through its motion (once, from phase 0, unless --starts "
+        "says otherwise), without exploration noise and without termination. Writes a table, JSON, "
+        "pictures and a video; or draws the policies of several runs in one strip; or shows the "
+        "policy in a viewer.",
     )
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="run directory, or a checkpoint file"
     )
     parser.add_argument("--physics", help="engine (default: the one trained on)")
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=1,
+        metavar="N",
+        help="N roll-outs, from evenly spaced phases of the motion to its end; their mean and "
+        "spread, and each (default: 1, from phase 0)",
+    )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
         "--strip",
@@ -127,6 +136,10 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("iterations", "shares"):
         if getattr(options, name) is not None and not options.strip:
             raise ValueError(f"--{name} needs --strip")
+    if options.starts < 1:
+        raise ValueError(f"--starts is {options.starts}; it must be at least 1")
+    if options.starts > 1 and (options.strip or viewer_wanted(options)):
+        raise ValueError("--starts is for numbers: without --strip, --view and --web")
     if options.columns < 1:
         raise ValueError(f"--columns is {options.columns}; it must be at least 1")
     check_port(options)

@@ -10,7 +10,8 @@ from typing import Any
 
 from tlr_exp.assembly import build_robot_of
 from tlr_exp.evaluate.choosing import Choice, choose
-from tlr_exp.evaluate.policies import Evaluation, evaluate, row_of
+from tlr_exp.evaluate.policies import Evaluation, row_of
+from tlr_exp.evaluate.starts import evaluate_starts, starts_record, starts_table
 from tlr_exp.evaluation import result_table
 from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
@@ -33,12 +34,17 @@ def measure(options: argparse.Namespace) -> None:
 
     folder = options.output or choice.run / "eval"
     name = f"{choice.iteration:06d}-{choice.physics}"
+    if options.starts > 1:
+        name += f"-{options.starts}starts"
     paths = output_paths(options, folder, name)
     check_free([path for part, path in paths.items() if part != "json"], options.force)
     folder.mkdir(parents=True, exist_ok=True)
-    evaluation = evaluate(choice)
+    evaluation, starts = evaluate_starts(choice, options.starts)
     Console().print(result_table(evaluation.result, evaluation.title))
     record = {**_origin(choice), **evaluation.result.to_dict()}
+    if options.starts > 1:
+        Console().print(starts_table(starts, f"from {options.starts} start phases"))
+        record["starts"] = starts_record(starts)
     write_record(paths["json"], record, options.force)
     if options.pictures is not False:
         _plot(paths, evaluation)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
+from tlr_exp.env import TrackingEnv
 from tlr_exp.evaluate.choosing import Choice, load_policy
 from tlr_exp.evaluation import EvaluationResult, Trajectory, evaluate_policy
 from tlr_exp.keys import METHOD_NAMES
@@ -34,9 +36,19 @@ def evaluate(choice: Choice) -> Evaluation:
     Raises:
         ValueError: as ``load_policy``; the motion cannot be read.
     """
+    env, policy = prepare(choice)
+    return Evaluation(choice, *evaluate_policy(env, policy, env.term_names))
+
+
+def prepare(choice: Choice) -> tuple[TrackingEnv, Any]:
+    """The environment to roll out in, and the policy.
+
+    Raises:
+        ValueError: as ``evaluate``.
+    """
     robot = build_robot_of(choice.settings.env)
     env = build_evaluation_env(choice.settings, robot, build_clip(choice.settings.env, robot))
-    return Evaluation(choice, *evaluate_policy(env, load_policy(choice), env.term_names))
+    return env, load_policy(choice)
 
 
 def method_of(run: Path) -> str:

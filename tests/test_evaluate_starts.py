@@ -1,0 +1,79 @@
+"""tlr-evaluate --starts: where the roll-outs begin, and what is said of them together."""
+
+import dataclasses
+import json
+import math
+
+import pytest
+
+from tlr_exp import evaluate
+from tlr_exp.assembly import build_ppo
+from tlr_exp.evaluate.starts import Start, start_frames, starts_table, summary
+from tlr_exp.evaluation import EvaluationResult
+from tlr_exp.records.checkpoint import CheckpointStore
+from tlr_exp.records.run_directory import RunDirectory
+
+
+@pytest.fixture(scope="module")
+def run(settings_of, tmp_path_factory):
+    """A run directory with one checkpoint, whose policy was drawn and not trained."""
+    settings = settings_of("ppo.hidden_sizes=[16]", "scale.num_envs=16")
+    path = tmp_path_factory.mktemp("runs") / "a-run"
+    RunDirectory.create(path, dataclasses.asdict(settings), tags={})
+    state = {"trainer": {"ppo": build_ppo(settings).state_dict()}}
+    CheckpointStore(path / "checkpoints", keep_last=1).save(5, state)
+    return path
+
+
+def result(survival: float, latency_ms: float | None) -> EvaluationResult:
+    return EvaluationResult(
+        *(100, 2.0, survival, 1.0, 0.1, 0.2, 0.3, latency_ms, None, ""),
+        unstable_steps=0,
+        terms={},
+    )
+
+
+def test_starts_are_evenly_spaced_and_begin_at_zero():
+    assert start_frames(39, 1) == [0]
+    assert start_frames(40, 4) == [0, 10, 20, 30]
+    assert start_frames(39, 39) == list(range(39))
+    with pytest.raises(ValueError, match="--starts is 40; the motion has only 39 steps"):
+        start_frames(39, 40)
+
+
+def test_mean_and_spread_by_hand():
+    each = [Start(0, 0.0, result(1.0, None)), Start(10, 0.25, result(0.5, 30.0))]
+    summed = summary(each)
+    # Sample standard deviation of 1 and 0.5: sqrt(2 * 0.25^2 / (2 - 1)).
+    expected = {"mean": 0.75, "std": math.sqrt(0.125), "min": 0.5, "max": 1.0}
+    assert summed["survival"] == pytest.approx(expected)
+    assert summed["latency_ms"] == {"mean": 30.0, "std": 0.0, "min": 30.0, "max": 30.0}
+    assert summary(each[:1])["latency_ms"] is None
+    survival = next(c for c in starts_table(each, "").columns if "survival" in str(c.header))
+    assert list(survival.cells) == ["100.0", "50.0", "75.0", "35.4", "50.0", "100.0"]
+
+
+def test_the_first_roll_out_is_the_one_without_starts(run, tmp_path, capsys):
+    command = [str(run), "--no-video", "--no-pictures", "-o", str(tmp_path)]
+    assert evaluate.main(command) == 0
+    assert "start phase" not in capsys.readouterr().out
+    assert evaluate.main([*command, "--starts", "3"]) == 0
+    assert "start phase" in capsys.readouterr().out
+    alone = json.loads((tmp_path / "000005-native.json").read_text())
+    record = json.loads((tmp_path / "000005-native-3starts.json").read_text())
+    starts = record.pop("starts")
+    assert record == alone
+    assert starts["count"] == 3
+    first, *others = starts["each"]
+    assert first == {
+        "start_frame": 0,
+        "start_phase": 0.0,
+        **{key: alone[key] for key in first if key in alone},
+    }
+    # 39 steps, of the 41 frames one being the start and one the lead.
+    assert [start["start_frame"] for start in others] == [13, 26]
+    assert [start["num_steps"] for start in others] == [26, 13]
+    assert others[0]["start_phase"] == pytest.approx(13 / 40)
+    errors = [start["upper_body_error_m"] for start in starts["each"]]
+    assert len(set(errors)) == 3
+    assert starts["summary"]["upper_body_error_m"]["mean"] == pytest.approx(sum(errors) / 3)

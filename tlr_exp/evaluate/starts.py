@@ -1,0 +1,119 @@
+"""A policy from several start phases: one roll-out alone can be luck, several tell how robust."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import Any
+
+from rich.table import Table
+
+from tlr_exp.evaluate.choosing import Choice
+from tlr_exp.evaluate.policies import Evaluation, prepare
+from tlr_exp.evaluation import EvaluationResult, evaluate_policy
+
+# What is summed up, with its heading, its factor and the decimals in the table.
+MEASURES = {
+    "survival": ("survival, %", 100.0, 1),
+    "upright": ("upright, %", 100.0, 1),
+    "upper_body_error_m": ("upper body, m", 1.0, 4),
+    "lower_body_error_m": ("lower body, m", 1.0, 4),
+    "joint_error_rad": ("joints, rad", 1.0, 4),
+    "latency_ms": ("latency, ms", 1.0, 1),
+}
+
+
+@dataclass(frozen=True)
+class Start:
+    """A roll-out from ``frame`` to the end of the motion; ``phase`` is the share of the motion."""
+
+    frame: int
+    phase: float
+    result: EvaluationResult
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {"start_frame": self.frame, "start_phase": self.phase, **self.result.to_dict()}
+
+
+def start_frames(num_steps: int, starts: int) -> list[int]:
+    """``starts`` frames evenly spaced over a motion of ``num_steps`` control steps, 0 first.
+
+    Raises:
+        ValueError: there are fewer steps than that.
+    """
+    if starts > num_steps:
+        raise ValueError(f"--starts is {starts}; the motion has only {num_steps} steps")
+    return [number * num_steps // starts for number in range(starts)]
+
+
+def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start]]:
+    """Roll a policy out from evenly spaced phases; the evaluation is that from phase 0.
+
+    Raises:
+        ValueError: as ``evaluate`` and ``start_frames``.
+    """
+    env, policy = prepare(choice)
+    last = env.reference.num_frames - 1
+    evaluations, each = [], []
+    for frame in start_frames(last - env.settings.reference_lead, starts):
+        env.first_frame = frame
+        evaluation = Evaluation(choice, *evaluate_policy(env, policy, env.term_names))
+        evaluations.append(evaluation)
+        each.append(Start(frame, frame / last, evaluation.result))
+    return evaluations[0], each
+
+
+def summary(each: Sequence[Start]) -> dict[str, dict[str, float] | None]:
+    """Mean, sample standard deviation, minimum and maximum of every measure, by name.
+
+    None where no roll-out has the measure; the deviation of a single value is 0.
+    """
+    summed: dict[str, dict[str, float] | None] = {}
+    for name in MEASURES:
+        values = [getattr(start.result, name) for start in each]
+        known = [value for value in values if value is not None]
+        summed[name] = _spread(known) if known else None
+    return summed
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    return {
+        "mean": fmean(values),
+        "std": stdev(values) if len(values) > 1 else 0.0,
+        "min": min(values),
+        "max": max(values),
+    }
+
+
+def starts_record(each: Sequence[Start]) -> dict[str, Any]:
+    """All starts and their summary, ready for JSON."""
+    return {
+        "count": len(each),
+        "summary": summary(each),
+        "each": [start.to_dict() for start in each],
+    }
+
+
+def starts_table(each: Sequence[Start], title: str) -> Table:
+    """A row for each start, and their mean and standard deviation below."""
+    table = Table(title=title, title_justify="left")
+    for heading in ("start phase", "of s", *(heading for heading, *_ in MEASURES.values())):
+        table.add_column(heading, justify="right")
+    for start in each:
+        values = {name: getattr(start.result, name) for name in MEASURES}
+        table.add_row(f"{start.phase:.2f}", f"{start.result.duration_s:.2f}", *_cells(values))
+    table.add_section()
+    summed = summary(each)
+    for kind in ("mean", "std", "min", "max"):
+        values = {name: spread and spread[kind] for name, spread in summed.items()}
+        table.add_row(kind, "", *_cells(values))
+    return table
+
+
+def _cells(values: dict[str, float | None]) -> list[str]:
+    return [
+        "-" if (value := values[name]) is None else f"{factor * value:.{decimals}f}"
+        for name, (_, factor, decimals) in MEASURES.items()
+    ]
