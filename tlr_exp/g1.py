@@ -83,16 +83,17 @@ JOINTS: dict[str, Joint] = {
 # Roll joints are mirrored between left and right: range and default change sign.
 _MIRRORED = ("hip_roll", "ankle_roll", "shoulder_roll")
 
-_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
-_WAIST = ("waist_yaw", "waist_roll", "waist_pitch")
-_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
+# Kinds of joints; left and right have one each, but for the waist.
+LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+WAIST = ("waist_yaw", "waist_roll", "waist_pitch")
+ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 
 JOINT_NAMES: tuple[str, ...] = (
-    *(f"left_{name}_joint" for name in _LEG),
-    *(f"right_{name}_joint" for name in _LEG),
-    *(f"{name}_joint" for name in _WAIST),
-    *(f"left_{name}_joint" for name in _ARM),
-    *(f"right_{name}_joint" for name in _ARM),
+    *(f"left_{name}_joint" for name in LEG),
+    *(f"right_{name}_joint" for name in LEG),
+    *(f"{name}_joint" for name in WAIST),
+    *(f"left_{name}_joint" for name in ARM),
+    *(f"right_{name}_joint" for name in ARM),
 )
 NUM_JOINTS = len(JOINT_NAMES)
 
@@ -104,13 +105,13 @@ EXTENDED_BODIES: dict[str, tuple[str, tuple[float, float, float]]] = {
 }
 LINK_NAMES: tuple[str, ...] = (
     "pelvis",
-    *(f"left_{name}_link" for name in _LEG),
-    *(f"right_{name}_link" for name in _LEG),
+    *(f"left_{name}_link" for name in LEG),
+    *(f"right_{name}_link" for name in LEG),
     "waist_yaw_link",
     "waist_roll_link",
     "torso_link",
-    *(f"left_{name}_link" for name in _ARM),
-    *(f"right_{name}_link" for name in _ARM),
+    *(f"left_{name}_link" for name in ARM),
+    *(f"right_{name}_link" for name in ARM),
 )
 TRACKED_BODIES: tuple[str, ...] = (*LINK_NAMES, *EXTENDED_BODIES)
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.g1 import ARM, JOINT_NAMES, LEG, TRACKED_BODIES, WAIST
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, stretches
@@ -23,11 +23,6 @@ _LINES = {
     RIGHT: {"color": RIGHT, "linewidth": 1.1},
     MIDDLE: {"color": MIDDLE, "linewidth": 1.2},
 }
-_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
-_REST = (
-    *("waist_yaw", "waist_roll", "waist_pitch"),
-    *("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow"),
-)
 _BODIES = (  # name, label, colour, line style
     ("head", "head", MIDDLE, ":"),
     ("pelvis", "pelvis", MIDDLE, "-"),
@@ -47,9 +42,9 @@ def joint_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     figure = Figure(figsize=(19, 9), layout="constrained")
     figure.suptitle(title)
     axes = figure.subplots(4, 7, sharex=True)
-    for column, kind in enumerate(_LEG):
+    for column, kind in enumerate(LEG):
         _joint_panels(axes[:2, column], clip, robot, kind)
-    for column, kind in enumerate(_REST):
+    for column, kind in enumerate((*WAIST, *ARM)):
         _joint_panels(axes[2:, column], clip, robot, kind)
     for row, text in enumerate(["rad", "rad/s"] * 2):
         axes[row, 0].set_ylabel(text)

@@ -11,15 +11,12 @@ from tlr_exp.evaluation import EvaluationResult, Trajectory, body_distance
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 _REFERENCE, _ROBOT, _UPPER, _LOWER, _END = "#333333", "#0072B2", "#D55E00", "#0072B2", "#CC3311"
-_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
-_WAIST = ("waist_yaw", "waist_roll", "waist_pitch")
-_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
 # Rows of the figure of joints: the two legs, and arms and waist beside one another.
 _GRID = (
-    tuple(f"left_{name}" for name in _LEG),
-    tuple(f"right_{name}" for name in _LEG),
-    (*(f"left_{name}" for name in _ARM), *_WAIST[:2]),
-    (*(f"right_{name}" for name in _ARM), _WAIST[2]),
+    tuple(f"left_{name}" for name in g1.LEG),
+    tuple(f"right_{name}" for name in g1.LEG),
+    (*(f"left_{name}" for name in g1.ARM), *g1.WAIST[:2]),
+    (*(f"right_{name}" for name in g1.ARM), g1.WAIST[2]),
 )
 
 
