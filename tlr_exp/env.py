@@ -17,6 +17,7 @@ from tlr_exp import g1, keys
 from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES, check_choice
 from tlr_exp.mdp import observations, specs
 from tlr_exp.mdp.errors import tracking_errors
+from tlr_exp.mdp.instability import UnstableStates
 from tlr_exp.mdp.resets import perturb
 from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
 from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
@@ -25,10 +26,6 @@ from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import Robot
 from tlr_exp.settings import EnvSettings
-
-# rad/s and m/s. The motors reach 37 rad/s; a simulation that diverges passes through huge values,
-# whose squares overflow in the reward terms, before it stops being finite.
-MAX_SPEED = 1e3
 
 
 class TrackingEnv(EnvBase):
@@ -106,7 +103,7 @@ class TrackingEnv(EnvBase):
         )
         self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
         self.state: PhysicsState = self.physics.state()
-        self._unstable_states: list[tuple[Tensor, ...]] = []
+        self._unstable = UnstableStates()
         self._resume_pending = False
 
     # --- stepping ----------------------------------------------------------------------------
@@ -115,9 +112,8 @@ class TrackingEnv(EnvBase):
         action = tensordict.get(keys.ACTION)
         before = self.state
         self._resume_pending = False
-        self.state, unstable = self._finite(
-            self.physics.step(self._joint_target(action)), before, action
-        )
+        after = self.physics.step(self._joint_target(action))
+        self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
         reference = self.reference.frame(frame_index)
@@ -171,26 +167,9 @@ class TrackingEnv(EnvBase):
             base = self.state.qpos[:, 7:]
         return base + self.action_scale * action
 
-    def _finite(
-        self, state: PhysicsState, before: PhysicsState, action: Tensor
-    ) -> tuple[PhysicsState, Tensor]:
-        """Replace diverged states by those before the step, and remember these."""
-        # A comparison with NaN is false.
-        unstable = ~(state.qpos.isfinite().all(-1) & (state.qvel.abs() < MAX_SPEED).all(-1))
-        if not unstable.any():
-            return state, unstable
-        rows = (before.qpos[unstable], before.qvel[unstable], action[unstable])
-        self._unstable_states.append(tuple(row.clone() for row in rows))
-        return before.where(unstable, state), unstable
-
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
-        taken, self._unstable_states = self._unstable_states, []
-        columns = zip(*taken, strict=True) if taken else ([], [], [])
-        return {
-            name: torch.cat(column) if column else torch.empty(0)
-            for name, column in zip(("qpos", "qvel", "action"), map(list, columns), strict=True)
-        }
+        return self._unstable.take()
 
     def _frame_index(self) -> Tensor:
         index = self.start_frame + self.episode_step + self.settings.reference_lead
