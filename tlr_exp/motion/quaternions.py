@@ -41,6 +41,12 @@ def from_euler(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarr
     )
 
 
+def heading(quat: np.ndarray) -> float:
+    """The angle about the vertical of a quaternion [4], in radians: where its x axis points."""
+    w, x, y, z = quat
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
 def rotate(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors [..., 3] turned by quaternions [..., 4]; the leading shapes broadcast."""
     axis = quats[..., 1:]

@@ -94,8 +94,8 @@ def strip_of_clip(
         camera = Camera(distance_m=fitting_distance(clip, lookat, width / height))
     strip = keyframe_strip(
         robot,
-        [clip.qpos[frames]],
-        column_labels=[f"{t / clip.fps:.2f} s" for t in frames],
+        clip.qpos[frames],
+        [f"{t / clip.fps:.2f} s" for t in frames],
         width=width,
         height=height,
         camera=camera,

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tlr_exp.motion.checks import ROOT_QUAT
+from tlr_exp.motion.quaternions import heading
 from tlr_exp.pictures.clip_pictures import BODY_M, FIELD_DEG, NEAREST_M
-from tlr_exp.pictures.render import Camera, heading_deg
+from tlr_exp.pictures.render import Camera
 
 FARTHEST_M = 4.0  # a robot that ran away is rather cut off than all robots made tiny
 
@@ -27,7 +29,7 @@ def frame_robots(
         The usual camera at the distance needed, within limits; and ``lookat``, all of it moved by
         the same vector, at right angles to where the camera looks.
     """
-    azimuth = np.radians(Camera().azimuth_deg + heading_deg(first_qpos))
+    azimuth = np.radians(Camera().azimuth_deg) + heading(first_qpos[ROOT_QUAT])
     right, up = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]), np.array([0.0, 0.0, 1.0])
     away = [body - lookat[:, None] for body in bodies]
     aside, height = ([positions @ axis for positions in away] for axis in (right, up))

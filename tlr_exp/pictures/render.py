@@ -4,13 +4,15 @@ Nothing here runs while the robot moves: a picture needs the states alone, so th
 without graphics trains as well as any other and only its pictures are missing.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tlr_exp.motion.checks import ROOT_QUAT
+from tlr_exp.motion.quaternions import heading
 from tlr_exp.pictures.studio import QUALITIES, Studio
 from tlr_exp.robot import Robot
 
@@ -79,7 +81,7 @@ def render_frames(
         robot.model,
         width,
         height,
-        azimuth_deg=heading_deg(qpos[0]) + camera.azimuth_deg,
+        azimuth_deg=math.degrees(heading(qpos[0, ROOT_QUAT])) + camera.azimuth_deg,
         elevation_deg=camera.elevation_deg,
         distance_m=camera.distance_m,
         quality=QUALITIES[quality],
@@ -99,64 +101,42 @@ def render_frames(
 
 def keyframe_strip(
     robot: Robot,
-    rows: Sequence[np.ndarray],
-    ghost_rows: Sequence[np.ndarray | None] | None = None,
+    qpos: np.ndarray,
+    labels: Sequence[str],
     *,
-    row_labels: Sequence[str] | None = None,
-    column_labels: Sequence[str] | None = None,
     width: int = 320,
     height: int = 400,
     camera: Camera | None = None,
     lookat: np.ndarray | None = None,
     quality: str = "full",
 ) -> np.ndarray:
-    """A table of pictures: a row for each motion, a column for each moment.
-
-    All rows share the camera of the first (the reference, say), so that what is off the reference
-    is also off the middle of its picture.
+    """Pictures of some moments side by side, each with its label above.
 
     Args:
-        rows: for each row the states of its columns [columns, 30].
-        ghost_rows: for each row a reference to lay over it, or None.
-        row_labels, column_labels: written left of the rows and above the columns.
+        qpos: the states of the moments [n, 30].
+        labels: one for each of them.
         width, height: of one picture, pixels.
-        lookat: the point in the middle of each column's pictures [columns, 3], m; by default the
-            pelvis of the first row.
+        robot, camera, lookat, quality: see ``render_frames``.
 
     Returns:
-        uint8 [height, width, 3] of the whole table.
+        uint8 [height, width, 3] of the whole strip.
 
     Raises:
-        GraphicsUnavailable, ValueError: as ``render_frames``; rows of unequal length.
+        GraphicsUnavailable, ValueError: as ``render_frames``; labels of another number.
     """
-    if not rows or len({len(row) for row in rows}) != 1 or len(rows[0]) == 0:
-        raise ValueError("a strip needs at least one row, and rows of one length")
-    ghost_rows = ghost_rows or [None] * len(rows)
-    _check_labels("row_labels", row_labels, len(rows))
-    _check_labels("column_labels", column_labels, len(rows[0]))
-    _check_labels("ghost_rows", ghost_rows, len(rows))
-    camera = camera or Camera(smoothing_frames=0.0)
-    if lookat is None:
-        lookat = follow_pelvis(np.asarray(rows[0], dtype=np.float64), camera.smoothing_frames)
-    drawn = [
-        np.concatenate(
-            list(
-                render_frames(
-                    robot,
-                    row,
-                    ghost,
-                    width=width,
-                    height=height,
-                    camera=camera,
-                    lookat=lookat,
-                    quality=quality,
-                )
-            ),
-            axis=1,
-        )
-        for row, ghost in zip(rows, ghost_rows, strict=True)
-    ]
-    return _labelled(np.concatenate(drawn, axis=0), row_labels, column_labels, width, height)
+    if len(labels) != len(qpos):
+        raise ValueError(f"{len(labels)} labels for {len(qpos)} pictures")
+    pictures = render_frames(
+        robot, qpos, width=width, height=height, camera=camera, lookat=lookat, quality=quality
+    )
+    strip = np.concatenate(list(pictures), axis=1)
+    size = max(10, height // 20)
+    page = Image.new("RGB", (strip.shape[1], 2 * size + height), "white")
+    page.paste(Image.fromarray(strip), (0, 2 * size))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(size)
+    for i, label in enumerate(labels):
+        draw.text(((i + 0.5) * width, size), label, _INK, font, anchor="mm")
+    return np.asarray(page)
 
 
 def follow_pelvis(qpos: np.ndarray, smoothing_frames: float) -> np.ndarray:
@@ -181,37 +161,6 @@ def caption(frame: np.ndarray, text: str) -> np.ndarray:
     return np.asarray(image)
 
 
-def _labelled(
-    table: np.ndarray,
-    row_labels: Sequence[str] | None,
-    column_labels: Sequence[str] | None,
-    width: int,
-    height: int,
-) -> np.ndarray:
-    """Put a white margin with the labels above and to the left of a table of pictures."""
-    font = ImageFont.load_default(max(10, height // 20))
-    left = _margin(font, row_labels)
-    top = 0 if column_labels is None else 2 * max(10, height // 20)
-    page = Image.new("RGB", (left + table.shape[1], top + table.shape[0]), "white")
-    page.paste(Image.fromarray(table), (left, top))
-    draw = ImageDraw.Draw(page)
-    for i, label in enumerate(column_labels or ()):
-        draw.text((left + (i + 0.5) * width, top / 2), label, _INK, font, anchor="mm")
-    for i, label in enumerate(row_labels or ()):
-        draw.text((left / 2, top + (i + 0.5) * height), label, _INK, font, anchor="mm")
-    return np.asarray(page)
-
-
-def _margin(font: Any, labels: Sequence[str] | None) -> int:
-    return 0 if labels is None else int(1.15 * max(font.getlength(label) for label in labels)) + 8
-
-
-def heading_deg(qpos: np.ndarray) -> float:
-    """Where a robot faces: the yaw of its root [30], degrees."""
-    w, x, y, z = qpos[3:7]
-    return float(np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))))
-
-
 def _checked(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     array = np.asarray(array, dtype=np.float64)
     if array.shape != shape or len(array) == 0:
@@ -220,8 +169,3 @@ def _checked(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray
     if len(bad):
         raise ValueError(f"{name}: frame {bad[0]} holds values that are not finite")
     return array
-
-
-def _check_labels(name: str, labels: Sequence | None, number: int) -> None:
-    if labels is not None and len(labels) != number:
-        raise ValueError(f"{name} has {len(labels)} entries, expected {number}")

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
+from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
+from tlr_exp.motion.quaternions import heading
 from tlr_exp.robot import Robot
 
 BLEND_S = 0.5
@@ -67,20 +69,12 @@ def join_clips(
             )
         placed, turn = _place(clip.qpos, qpos[-1])
         blended = _fade(placed, _turned(clip.qvel[0], turn), qpos[-1], velocity, fps, blend_s)
-        low, high = robot.joint_range_rad.T
-        joints = blended[:, QPOS_JOINTS]
-        beyond = float(np.maximum(low - joints, joints - high).max())
-        blended[:, QPOS_JOINTS] = np.clip(joints, low, high)
+        beyond = float(beyond_limits(blended[:, QPOS_JOINTS], robot.joint_range_rad).max())
+        blended = clamp_joints(blended, robot.joint_range_rad)
         seams.append(_seam(clip.qpos[0], placed[0], qpos[-1], turn, (len(qpos) - 1) / fps, beyond))
         qpos, velocity = np.concatenate([qpos[:-1], blended]), clip.qvel[-1]
         velocity = _turned(velocity, turn)
     return clip_from_qpos(qpos, fps, robot), seams
-
-
-def heading(quat: np.ndarray) -> float:
-    """The angle about the vertical of a quaternion [4], in radians: where its x axis points."""
-    w, x, y, z = quat
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def _place(qpos: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
