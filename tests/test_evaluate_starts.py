@@ -5,6 +5,7 @@ import json
 import math
 
 import pytest
+from rich.console import Console
 
 from tlr_exp import evaluate
 from tlr_exp.assembly import build_ppo
@@ -51,14 +52,17 @@ def test_mean_and_spread_by_hand():
     assert summary(each[:1])["latency_ms"] is None
     survival = next(c for c in starts_table(each, "").columns if "survival" in str(c.header))
     assert list(survival.cells) == ["100.0", "50.0", "75.0", "35.4", "50.0", "100.0"]
+    with (console := Console(width=80)).capture() as shown:
+        console.print(starts_table(each, ""))
+    assert "…" not in shown.get()
 
 
 def test_the_first_roll_out_is_the_one_without_starts(run, tmp_path, capsys):
     command = [str(run), "--no-video", "--no-pictures", "-o", str(tmp_path)]
     assert evaluate.main(command) == 0
-    assert "start phase" not in capsys.readouterr().out
+    assert "start phases" not in capsys.readouterr().out
     assert evaluate.main([*command, "--starts", "3"]) == 0
-    assert "start phase" in capsys.readouterr().out
+    assert "from 3 start phases" in capsys.readouterr().out
     alone = json.loads((tmp_path / "000005-native.json").read_text())
     record = json.loads((tmp_path / "000005-native-3starts.json").read_text())
     starts = record.pop("starts")

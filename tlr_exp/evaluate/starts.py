@@ -15,12 +15,12 @@ from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 
 # What is summed up, with its heading, its factor and the decimals in the table.
 MEASURES = {
-    "survival": ("survival, %", 100.0, 1),
-    "upright": ("upright, %", 100.0, 1),
-    "upper_body_error_m": ("upper body, m", 1.0, 4),
-    "lower_body_error_m": ("lower body, m", 1.0, 4),
-    "joint_error_rad": ("joints, rad", 1.0, 4),
-    "latency_ms": ("latency, ms", 1.0, 1),
+    "survival": ("survival\n%", 100.0, 1),
+    "upright": ("upright\n%", 100.0, 1),
+    "upper_body_error_m": ("upper\nbody, m", 1.0, 4),
+    "lower_body_error_m": ("lower\nbody, m", 1.0, 4),
+    "joint_error_rad": ("joints\nrad", 1.0, 4),
+    "latency_ms": ("latency\nms", 1.0, 1),
 }
 
 
@@ -99,7 +99,7 @@ def starts_record(each: Sequence[Start]) -> dict[str, Any]:
 def starts_table(each: Sequence[Start], title: str) -> Table:
     """A row for each start, and their mean and standard deviation below."""
     table = Table(title=title, title_justify="left")
-    for heading in ("start phase", "of s", *(heading for heading, *_ in MEASURES.values())):
+    for heading in ("start\nphase", "of\ns", *(heading for heading, *_ in MEASURES.values())):
         table.add_column(heading, justify="right")
     for start in each:
         values = {name: getattr(start.result, name) for name in MEASURES}
