@@ -111,6 +111,12 @@ def test_info(short_clip_path, capsys):
     assert "at most 0.000 mm" in out
 
 
+def number(pattern: str, line: str) -> float:
+    """The one number that the pattern finds in a line."""
+    (text,) = re.findall(pattern, line)
+    return float(text)
+
+
 def test_info_says_what_a_motion_asks_of_a_robot(tmp_path, robot, capsys):
     """Standing on the floor: each foot carries half of the weight, and the floor can give that."""
     qpos = np.zeros((11, 30))
@@ -125,13 +131,13 @@ def test_info_says_what_a_motion_asks_of_a_robot(tmp_path, robot, capsys):
     assert weighs == pytest.approx(weight, abs=0.6)
     assert left + right == pytest.approx(weight, abs=2)
     assert left == pytest.approx(right, rel=0.05)
-    assert float(re.search(r"([\d.]+) % of its limit", torque)[1]) < 60
-    assert float(re.search(r"at most ([\d.]+) N", unmet)[1]) < 1
+    assert number(r"([\d.]+) % of its limit", torque) < 60
+    assert number(r"at most ([\d.]+) N", unmet) < 1
     qpos[:, 2] += 0.1  # hovering: no floor gives the weight
     clip_from_qpos(qpos, 50.0, robot).save(tmp_path / "hover.npz")
     assert main(["info", str(tmp_path / "hover.npz")]) == 0
     unmet = capsys.readouterr().out.splitlines()[-1]
-    assert float(re.search(r"at most ([\d.]+) N", unmet)[1]) == pytest.approx(weight, rel=0.01)
+    assert number(r"at most ([\d.]+) N", unmet) == pytest.approx(weight, rel=0.01)
 
 
 def test_info_of_what_is_no_clip(tmp_path, capsys):

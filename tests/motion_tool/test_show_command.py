@@ -74,7 +74,8 @@ def test_what_is_refused_leaves_nothing(
 ):
     monkeypatch.chdir(tmp_path)
     names = {"CLIP": str(short_clip_path)}
-    assert main(["show", *(names.get(argument, argument) for argument in arguments)]) == status
+    shown = [str(names.get(argument, argument)) for argument in arguments]
+    assert main(["show", *shown]) == status
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

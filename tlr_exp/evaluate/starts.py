@@ -107,7 +107,7 @@ def starts_table(each: Sequence[Start], title: str) -> Table:
     table.add_section()
     summed = summary(each)
     for kind in ("mean", "std", "min", "max"):
-        values = {name: spread and spread[kind] for name, spread in summed.items()}
+        values = {name: spread[kind] if spread else None for name, spread in summed.items()}
         table.add_row(kind, "", *_cells(values))
     return table
 
