@@ -147,7 +147,7 @@ def records_of(study: Study) -> list[RunRecord]:
     problems = [
         f"{name}: its {column} is {text[:40]!r}; it must be a JSON object"
         for column in ("packages", "config")
-        for name, text in study.runs[column].items()
+        for name, text in zip(study.runs.index, study.runs[column].tolist(), strict=True)
         if not _is_json_object(text)
     ]
     if problems:

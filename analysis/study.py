@@ -113,8 +113,9 @@ class Study:
         table = rows.pivot(index="seed", columns=ITERATION, values=metric)
         table = table.reindex(index=list(seeds)).sort_index(axis=1).dropna(axis=1)
         if table.shape[1] == 0:
-            without = rows.groupby(RUN)[metric].count().eq(0)
-            which = f"; never in {_list(without.index[without])}" if without.any() else ""
+            having = set(rows.loc[rows[metric].notna().to_numpy(), RUN])
+            without = sorted(set(rows[RUN]) - having)
+            which = f"; never in {_list(without)}" if without else ""
             raise StudyError(
                 f"{metric}: no iteration in which all runs of arm {arm!r} have it{which}"
             )

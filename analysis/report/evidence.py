@@ -111,10 +111,16 @@ class Evidence:
         return float(np.nansum(curves.loc[curves["arm"] == self.treatment, metric].to_numpy()))
 
     def paper_protocol(self, metric: str) -> PaperAnalysis:
-        """The paper's own analysis of a metric."""
-        return paper_analysis(
-            *self.curves(metric), smaller_is_better=not quantity(metric).larger_is_better
-        )
+        """The paper's own analysis of a metric.
+
+        Raises:
+            StudyError: as `curves`, or a baseline that is not positive, of which no share exists.
+        """
+        curves, better = self.curves(metric), not quantity(metric).larger_is_better
+        try:
+            return paper_analysis(*curves, smaller_is_better=better)
+        except ValueError as error:
+            raise StudyError(f"{metric}, {self.baseline}: {error}") from error
 
     def relative_improvement(self, metric: str) -> Interval:
         """Of the mean over training, the seed as the unit; a share, positive is better."""

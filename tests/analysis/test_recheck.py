@@ -85,7 +85,7 @@ def test_settings_that_were_passed_over_at_the_export_are_no_news() -> None:
 def test_unequal_seeds_are_noted() -> None:
     study = study_of()
     last = study.runs.index[-1]
-    curves = study.curves[study.curves["run"] != last]
+    curves = study.curves.set_index("run").drop(index=last).reset_index()
     found = rechecked(Study(study.runs.drop(index=last), curves))
     assert found.notes == ("arm 'gwo' lacks seed 2, which 'fixed' has",)
 

@@ -71,6 +71,14 @@ def test_reasons_name_the_measures_they_hold_for() -> None:
     assert f"The differences of the paired seeds do not vary ({measure})" in note
 
 
+def test_a_baseline_without_any_error_is_refused_by_name() -> None:
+    study = study_of()
+    curves = study.curves.copy()
+    curves.loc[curves["iteration"] == 3, keys.TRAIN_UPPER_BODY_ERROR] = 0.0
+    with pytest.raises(StudyError, match="^train/upper_body_error_m, fixed: .* positive baseline"):
+        protocol_table(Evidence(dataclasses.replace(study, curves=curves)))
+
+
 def test_equal_curves_have_no_protocol_but_no_nan_either() -> None:
     study = study_of()
     curves = study.curves.assign(**{keys.TRAIN_UPPER_BODY_ERROR: 0.1})
