@@ -75,7 +75,7 @@ def test_a_baseline_without_any_error_is_refused_by_name() -> None:
     study = study_of()
     curves = study.curves.copy()
     curves.loc[curves["iteration"] == 3, keys.TRAIN_UPPER_BODY_ERROR] = 0.0
-    with pytest.raises(StudyError, match="^train/upper_body_error_m, fixed: .* positive baseline"):
+    with pytest.raises(StudyError, match=r"^train/upper_body_error_m, fixed: .* positive baseline"):
         protocol_table(Evidence(dataclasses.replace(study, curves=curves)))
 
 
