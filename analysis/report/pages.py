@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import json
 import os
-import shutil
 import tempfile
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from analysis.figures.catalogue import ALL_FIGURES
 from analysis.report.claims import Verdict
 from analysis.report.content import Report
 
@@ -22,7 +22,10 @@ class ReportExistsError(ValueError):
 
 
 def write_report(report: Report, folder: Path, replace: bool = False) -> Path:
-    """Write all files of a report into `folder`, all at once; the path of the page.
+    """Write all files of a report into `folder`; the path of the page.
+
+    Everything is laid out beside the folder first and then moved in, the page last. What lies in
+    the folder and is no part of a report stays.
 
     Raises:
         ReportExistsError: the folder holds something, and `replace` was not asked for.
@@ -32,11 +35,8 @@ def write_report(report: Report, folder: Path, replace: bool = False) -> Path:
     check_place(folder, replace)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-") as beside:
-        fresh = Path(beside) / folder.name
-        _write_files(report, fresh)
-        if folder.exists():
-            os.rename(folder, Path(beside) / "replaced")
-        shutil.move(fresh, folder)
+        _write_files(report, Path(beside))
+        _move_in(Path(beside), folder)
     return folder / PAGE
 
 
@@ -66,6 +66,17 @@ def _write_files(report: Report, folder: Path) -> None:
         (folder / name).write_text(text.strip() + "\n", encoding="utf-8")
     numbers = json.dumps(report.numbers, indent=2, allow_nan=False, sort_keys=True)
     (folder / NUMBERS).write_text(numbers + "\n", encoding="utf-8")
+
+
+def _move_in(fresh: Path, folder: Path) -> None:
+    """Move the files of a report into its folder, and remove figures that it has no more."""
+    (folder / FIGURES).mkdir(parents=True, exist_ok=True)
+    figures = sorted(each.name for each in (fresh / FIGURES).iterdir())
+    for name in (*(f"{FIGURES}/{figure}" for figure in figures), NUMBERS, MARKDOWN, PAGE):
+        os.replace(fresh / name, folder / name)
+    ours = {f"{spec.stem}.{suffix}" for spec in ALL_FIGURES for suffix in ("svg", "png")}
+    for name in ours.difference(figures):
+        (folder / FIGURES / name).unlink(missing_ok=True)
 
 
 def _templates() -> Environment:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -104,6 +105,26 @@ def test_a_report_is_not_replaced_unless_asked(report: Report, folder: Path) -> 
     write_report(report, folder, replace=True)
     assert (folder / "report.html").read_bytes() == before  # the same data, the same bytes
     assert [path.name for path in folder.parent.iterdir()] == ["report"]
+
+
+def test_what_is_no_part_of_a_report_stays_when_it_is_replaced(
+    report: Report, tmp_path: Path
+) -> None:
+    page = write_report(report, tmp_path / "report")
+    notes, mine = page.parent / "notes.txt", page.parent / "figures" / "mine.png"
+    notes.write_text("of a reader")
+    mine.write_bytes(b"a figure of a reader")
+    page.write_text("old")
+    fewer = [replace(each, pictures=each.pictures[:1]) for each in report.sections]
+    write_report(replace(report, sections=tuple(fewer)), page.parent, replace=True)
+    assert notes.read_text() == "of a reader"
+    assert page.read_text() != "old"
+    figures = {path.name for path in mine.parent.iterdir()}
+    assert figures == {
+        "mine.png",
+        "figure_06_episode_length.svg",
+        "figure_06_episode_length.png",
+    }
 
 
 def test_another_folder_is_never_replaced(report: Report, tmp_path: Path) -> None:
