@@ -24,6 +24,7 @@ def finished(run: RunDirectory) -> Callable[..., RunDirectory]:
         for iteration in (3, 4, 5):
             (folder / f"{iteration:06d}.pt").write_bytes(bytes([iteration]) * 1_000_000)
         (folder / "scores.json").write_text(json.dumps({"3": 1.0, "4": 3.0, "5": 2.0}))
+        run.motion_path.write_bytes(b"the clip")
         return run
 
     return make
@@ -40,7 +41,8 @@ def test_best_and_final_checkpoint_come_with_the_end(
     run.set_status("finished")
     sync_run(run, uri, "tlr")
     assert artifacts(there, report.mlflow_run_id) == {
-        "config.yaml", "manifest.json", "checkpoints/000004.pt", "checkpoints/000005.pt",
+        "config.yaml", "manifest.json", "motion.npz",
+        "checkpoints/000004.pt", "checkpoints/000005.pt",
     }  # fmt: skip
     assert tag(database, "gwo-s3", "best_checkpoint") == "checkpoints/000004.pt"
     assert tag(database, "gwo-s3", "final_checkpoint") == "checkpoints/000005.pt"
@@ -64,10 +66,10 @@ def test_files_beyond_the_limit_stay_and_are_named(
     )
     there = database.parent / "mlartifacts"
     expected = {
-        "config.yaml", "manifest.json", "eval/numbers.json",
+        "config.yaml", "manifest.json", "motion.npz", "eval/numbers.json",
         "checkpoints/000004.pt", "checkpoints/000005.pt",
     }  # fmt: skip
     assert artifacts(there, report.mlflow_run_id) == expected
-    assert len(sync_run(run, uri, "tlr", max_file_mb=0).notes) == 4
+    assert len(sync_run(run, uri, "tlr", max_file_mb=0).notes) == 5
     sync_run(run, uri, "tlr")
     assert artifacts(there, report.mlflow_run_id) == {*expected, "eval/film.mp4"}

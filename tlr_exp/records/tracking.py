@@ -223,11 +223,12 @@ class RunUpload:
         return [Artifact(self._run.path / CONFIG), Artifact(self._run.path / MANIFEST)]
 
     def _files(self, status: str) -> tuple[list[Artifact], list[str]]:
-        """Evaluations, and checkpoints of a finished run; and what is said of those too large."""
+        """Evaluations; of a finished run what evaluates it; and what is said of those too large."""
         files = files_below(self._run.path, EVALUATIONS)
-        kept = self._kept_checkpoints() if status == FINISHED else {}
-        paths = dict.fromkeys(kept.values())  # the best one is often the last
-        files += [Artifact(path, CHECKPOINTS) for path in paths]
+        if status == FINISHED:
+            paths = dict.fromkeys(self._kept_checkpoints().values())  # the best is often the last
+            files += [Artifact(path, CHECKPOINTS) for path in paths]
+            files += [Artifact(path) for path in [self._run.motion_path] if path.exists()]
         limit = self._max_file_mb * 1e6
         notes = [
             f"{file.name} stays in the run directory: {file.path.stat().st_size / 1e6:.1f} MB, "
