@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis, label_at_right
-from analysis.figures.series import pair_of, shared_seeds
+from analysis.figures.series import only_seeds, pair_of, shared_seeds
 from analysis.figures.style import (
     GREY,
     MINUS,
@@ -89,8 +89,7 @@ def _of_one_run(study: Study, metric: str, arm: str) -> str:
     shared = shared_seeds(study)
     if not shared or len(study.seeds(arm)) == len(study.seeds(study.baseline)) == 1:
         return ""
-    first, second = pair_of(study, metric, arm)
-    values = relative_improvement(first.of_seed(shared[0]), second.of_seed(shared[0]))
+    _, values = improvement(only_seeds(study, shared[:1]), metric, arm)
     return f" (seed {shared[0]} alone: {percent(float(values.mean()))})"
 
 

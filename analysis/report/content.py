@@ -41,7 +41,8 @@ PAPER_IMPROVEMENT = {keys.TRAIN_UPPER_BODY_ERROR: 4.25, keys.TRAIN_LOWER_BODY_ER
 SEEDS_TEXT = (
     "A method is judged by what it does on a new seed, so the seed is the unit: one number per "
     "run, compared between the arms. A table of many tests is many chances to be lucky; the "
-    "column Holm allows for that."
+    "column Holm allows for those of one table, not for other arms in further tables, and the "
+    "intervals, the summary's included, are each by itself."
 )
 SWEEP_TEXT = (
     "All values together: with a table of many pairs, the best of them looks good by chance. The "
@@ -191,8 +192,9 @@ def _summary(evidence: Evidence, judged: list[tuple[Claim, Finding]]) -> Iterato
         text = interval_text(interval, 1, percent=True)
         theirs = f" (the paper: +{claimed} %). {support(interval)}" if judged else ""
         yield (
-            f"Relative improvement of the {quantity(metric).name.lower()} by {evidence.labels[1]}, "
-            f"averaged over training: {text}{theirs or '. ' + conclusion(interval, evidence)}"
+            f"{quantity(metric).name}, mean over training: relative improvement of "
+            f"{evidence.labels[1]} over {evidence.labels[0]} "
+            f"{text}{theirs or '. ' + conclusion(interval, evidence)}"
         )
     if judged:
         counts = {verdict: sum(f.verdict == verdict for _, f in judged) for verdict in Verdict}
