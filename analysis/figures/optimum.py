@@ -53,8 +53,12 @@ def figure_optimum(study: Study) -> Drawing:
                 SymmetricalLogLocator(base=10, linthresh=1.0, subs=[1, 2, 5])
             )
             axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        # A little below 0, so that a curve that lies on 0 is seen whole.
-        axis.set_ylim(bottom=-0.08 if logarithmic else -0.03 * axis.get_ylim()[1])
+        # A little beyond 0 and 100 %, so that a curve that lies there is seen whole.
+        if logarithmic:
+            axis.set_ylim(bottom=-0.08)
+        else:
+            top = min(axis.get_ylim()[1], 103.0)
+            axis.set_ylim(-0.03 * top, top)
         axis.set_ylabel(label)
         panel_letter(axis, "abcd"[place], title)
     arm_legend(figure, list(looks.values()))
