@@ -1,0 +1,57 @@
+"""The published study: its tables are whole, and docs/results.md says what they hold."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.endpoints import area_under_curve, tail_mean
+from analysis.tables import from_tables
+from tlr_exp import keys
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "results.md").read_text()
+BODIES = (("upper", keys.TRAIN_UPPER_BODY_ERROR), ("lower", keys.TRAIN_LOWER_BODY_ERROR))
+
+
+def cells(digits: int, *samples) -> str:
+    """Mean and standard deviation of each sample as the page writes them."""
+    texts = (f"{np.mean(each):.{digits}f} ± {np.std(each, ddof=1):.{digits}f}" for each in samples)
+    return " | ".join(texts)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return from_tables(ROOT / "results" / "laptop")
+
+
+def test_five_finished_seeds_of_both_arms(study):
+    assert study.arms == ("fixed", "gwo")
+    assert study.seeds("fixed") == study.seeds("gwo") == (0, 1, 2, 3, 4)
+    assert study.is_finished
+    assert (study.runs["control_steps"] == 407 * 512 * 24).all()
+
+
+@pytest.mark.parametrize(("body", "metric"), BODIES)
+@pytest.mark.parametrize(
+    ("when", "endpoint"), [("last 20 %", tail_mean), ("whole training", area_under_curve)]
+)
+def test_the_page_has_the_errors_of_the_tables(study, body, metric, when, endpoint):
+    _, at, static = study.matrix(metric, "fixed")
+    adaptive = study.matrix(metric, "gwo")[2]
+    row = cells(4, endpoint(static, at), endpoint(adaptive, at))
+    assert f"| {body}-body error, {when} (m) | {row} |" in PAGE
+
+
+def test_the_page_has_the_roll_outs_of_the_table():
+    starts = pd.read_csv(ROOT / "results" / "laptop" / "starts.csv")
+    assert (starts.groupby(["arm", "seed"]).size() == 16).all()
+    survival = starts.groupby(["arm", "seed"])["survival"].mean()
+    row = cells(3, survival["fixed"], survival["gwo"])
+    assert f"| survival (share of the way to the end) | {row} |" in PAGE
+    up = starts[starts["upright"] == 1].groupby(["arm", "seed"])
+    for body, _ in BODIES:
+        error = up[f"{body}_body_error_m"].mean()
+        row = cells(4, error["fixed"], error["gwo"])
+        assert f"| {body}-body error, those that stay upright (m) | {row} |" in PAGE
