@@ -41,11 +41,13 @@ def checked(
     seeds: Literal["all", "common"] = "all",
     duplicates: Literal["refuse", "newest"] = "refuse",
     ignore: Sequence[str] = (),
+    motion: str = "",
     baseline: str = "",
 ) -> Study:
     """The study of `records`, whose arms differ in the configuration keys `arm_keys`.
 
-    Refused are, all at once: unfinished runs and finished ones that lack iterations; seeds that one
+    Refused are runs of several motions where these are arms, since errors on one motion are none on
+    another; and all at once: unfinished runs and finished ones that lack iterations; seeds that one
     arm has and another lacks; two runs of one arm and seed; settings that differ beyond the arm
     keys, the seed, and the keys that do not change what is learned (analysis.settings.NOT_LEARNED).
     Different commits, versions and machines are not refused but become notes of the study.
@@ -55,6 +57,7 @@ def checked(
     seeds: "common" leaves out what not every arm has finished, and notes it.
     duplicates: "newest" keeps the newest finished run of an arm and seed, and notes the others.
     ignore: further keys or groups that may differ; differences are noted.
+    motion: take the runs of this motion alone.
     baseline: the arm that others are compared with (see Study).
 
     Raises:
@@ -62,6 +65,7 @@ def checked(
     """
     if not records:
         raise StudyError("there is no run")
+    records = _of_one_motion(records, arm_keys, motion)
     problems = [*_name_problems(records), *unknown_keys(records, [*arm_keys, *ignore])]
     if problems:
         raise StudyError("\n".join(problems))
@@ -80,6 +84,22 @@ def checked(
     order = arm_order([arm for arm, _ in runs])
     runs.sort(key=lambda labelled: (order.index(labelled[0]), labelled[1].seed))
     return study_from(runs, baseline=baseline, notes=tuple(notes))
+
+
+def _of_one_motion(
+    records: Sequence[RunRecord], arm_keys: Sequence[str], motion: str
+) -> Sequence[RunRecord]:
+    """The runs of `motion`, or all where the arms do not differ in it.
+
+    Raises:
+        StudyError: no run of this motion, or arms of several motions; names those there are.
+    """
+    motions = sorted({record.motion for record in records})
+    if motion and motion not in motions:
+        raise StudyError(f"no run has the motion {motion!r}; there are {', '.join(motions)}")
+    if not motion and len(motions) > 1 and {"env", "env.motion"} & set(arm_keys):
+        raise StudyError(f"runs of several motions cannot be compared: {', '.join(motions)}")
+    return [record for record in records if not motion or record.motion == motion]
 
 
 def rechecked(study: Study) -> Study:

@@ -115,6 +115,9 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         default="",
         help="further configuration keys that may differ, separated by commas",
     )
+    parser.add_argument(
+        "--motion", metavar="NAME", default="", help="take the runs of this motion alone"
+    )
 
 
 def check_sources(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
@@ -136,6 +139,7 @@ def study_of(options: argparse.Namespace) -> Study:
         "seeds": options.seeds,
         "duplicates": options.duplicates,
         "ignore": _keys(options.ignore),
+        "motion": options.motion,
         "baseline": options.baseline,
     }
     return load_study(
@@ -173,6 +177,7 @@ def with_advice(problems: str) -> str:
         " lacks seed ": "--seeds common leaves out what not every arm has finished",
         " times: ": "--duplicates newest takes the newest finished run",
         ", but ": "--arms compares runs by such a key, --ignore passes over it",
+        "several motions": "--motion NAME takes the runs of one",
         " is not empty": "--force replaces the tables in it",
     }
     lines = problems.splitlines()

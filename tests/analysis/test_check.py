@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from run_records import FIXED, GWO, changed, index, lines_of, records, set_in
+from run_records import FIXED, GWO, changed, index, lines_of, records, set_in, with_setting
 from studies import make_study
 
 from analysis.check import checked
@@ -179,3 +179,25 @@ def test_versions_commits_and_machines_are_noted() -> None:
 
 def test_no_runs() -> None:
     assert lines_of([]) == ["there is no run"]
+
+
+# --- motions ---------------------------------------------------------------------------------
+def of_two_motions():
+    walk = [replace(with_setting(run, "env.motion", "walk"), motion="walk") for run in records()]
+    return [*records(), *(replace(run, name=f"walk-{run.name}") for run in walk)]
+
+
+def test_runs_of_several_motions_are_not_arms_of_each_other():
+    (line,) = lines_of(of_two_motions(), ("optimizer", "env"))
+    assert line == "runs of several motions cannot be compared: gym_motion, walk"
+
+
+def test_one_motion_of_several_is_a_study():
+    study = checked(of_two_motions(), ("optimizer", "env"), motion="walk")
+    assert study.arms == ("fixed", "gwo")
+    assert set(study.runs["motion"]) == {"walk"}
+
+
+def test_an_unknown_motion_is_told_with_those_there_are():
+    (line,) = lines_of(of_two_motions(), ("optimizer", "env"), motion="dance")
+    assert line == "no run has the motion 'dance'; there are gym_motion, walk"
