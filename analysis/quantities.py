@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from tlr_exp import keys
 
+# What the training of an arm is judged by.
+TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
+
 
 @dataclass(frozen=True)
 class Quantity:

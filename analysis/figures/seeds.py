@@ -17,16 +17,10 @@ from analysis.figures.style import (
     styled,
 )
 from analysis.figures.tracking import BODY_PANELS
-from analysis.quantities import quantity
+from analysis.quantities import TRAINING, quantity
 from analysis.study import Study
-from tlr_exp import keys
 
 _MOST_COLUMNS = 5
-PROFILE_METRICS = (
-    keys.TRAIN_UPPER_BODY_ERROR,
-    keys.TRAIN_LOWER_BODY_ERROR,
-    keys.EPISODE_LENGTH,
-)
 
 
 @styled
@@ -84,8 +78,8 @@ def figure_profile(study: Study) -> Drawing:
     if all(len(study.seeds(arm)) < 2 for arm in study.arms):
         raise NotDrawnError("one seed per arm has no distribution")
     looks = arm_looks(study.arms)
-    figure, axes = new_figure(TWO_COLUMNS_IN, 2.2, columns=len(PROFILE_METRICS), sharey=True)
-    for number, metric in enumerate(PROFILE_METRICS):
+    figure, axes = new_figure(TWO_COLUMNS_IN, 2.2, columns=len(TRAINING), sharey=True)
+    for number, metric in enumerate(TRAINING):
         panel, shown = axes[0, number], quantity(metric)
         scores = {
             arm: tail_mean(series.values, series.iterations)

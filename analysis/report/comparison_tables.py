@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.endpoints import iterations_to_reach, tail_mean
-from analysis.quantities import quantity
+from analysis.quantities import TRAINING, quantity
 from analysis.report.cells import (
     MISSING,
     NBSP,
@@ -18,7 +18,7 @@ from analysis.report.cells import (
 )
 from analysis.report.claims import Claim, Finding
 from analysis.report.evidence import SEED, Evidence
-from analysis.report.outcomes import EVALUATION, TRAINING, Outcome
+from analysis.report.outcomes import EVALUATION, Outcome
 from analysis.statistics.curves import compare_curves
 from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
 from analysis.statistics.significance import holm

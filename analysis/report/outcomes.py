@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.endpoints import area_under_curve, final_value, tail_mean
-from analysis.quantities import quantity
+from analysis.quantities import TRAINING, quantity
 from analysis.report.evidence import Evidence
 from analysis.statistics.comparison import Comparison
 from tlr_exp import keys
 
 Reduction = Callable[[np.ndarray, np.ndarray], np.ndarray]  # curves [n, T], iterations -> [n]
 
-TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
 EVALUATION = tuple(
     keys.EVAL_PREFIX + name for name in ("upper_body_error_m", "lower_body_error_m", "survival")
 )

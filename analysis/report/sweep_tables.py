@@ -4,18 +4,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.quantities import quantity
+from analysis.quantities import TRAINING, quantity
 from analysis.report.cells import NBSP, Table, number, p_text
-from analysis.report.evidence import SEED
-from analysis.report.outcomes import TRAINING, digits_of
+from analysis.report.evidence import SEED, Evidence
+from analysis.report.outcomes import digits_of
 from analysis.statistics.trend import trend
 from analysis.study import Study, pretty_arm
 from analysis.swept import Sweep, end_of_training
 
 
 def metrics_of(study: Study) -> tuple[str, ...]:
-    """The metrics of training that every arm has."""
-    return tuple(metric for metric in TRAINING if metric in study.metric_names)
+    """The metrics of training that the runs of every arm have."""
+    pairs = [Evidence(study, arm) for arm in study.arms[1:]]
+    return tuple(metric for metric in TRAINING if all(pair.has(metric) for pair in pairs))
 
 
 def values_table(study: Study, sweep: Sweep) -> Table:
