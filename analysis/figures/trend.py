@@ -4,8 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from analysis.endpoints import tail_mean
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import BAND_ALPHA, arm_legend
+from analysis.figures.series import series_of
 from analysis.figures.style import (
     TWO_COLUMNS_IN,
     ArmLook,
@@ -14,17 +16,14 @@ from analysis.figures.style import (
     panel_letter,
     styled,
 )
+from analysis.figures.tracking import BODY_PANELS
 from analysis.quantities import quantity
 from analysis.statistics.intervals import mean_interval
-from analysis.study import Study, StudyError
-from analysis.swept import Sweep, end_of_training, sweep_of
+from analysis.study import Study
+from analysis.swept import Sweep, sweep_of
 from tlr_exp import keys
 
-PANELS = (
-    (keys.TRAIN_UPPER_BODY_ERROR, "Upper body"),
-    (keys.TRAIN_LOWER_BODY_ERROR, "Lower body"),
-    (keys.EPISODE_LENGTH, "Episode length"),
-)
+PANELS = (*BODY_PANELS, (keys.EPISODE_LENGTH, "Episode length"))
 _LOGARITHMIC_FROM = 10  # largest value over the smallest
 _SHIFT = 0.01  # of the axis: seeds and intervals of several methods side by side
 
@@ -59,10 +58,8 @@ def figure_trend(study: Study) -> Drawing:
 
 
 def _results(study: Study, metric: str, arm: str) -> np.ndarray:
-    try:
-        return end_of_training(study, metric, arm)
-    except StudyError as error:
-        raise NotDrawnError(str(error)) from error
+    series = series_of(study, metric, arm)
+    return tail_mean(series.values, series.iterations)
 
 
 def _what(sweep: Sweep) -> str:
