@@ -4,6 +4,7 @@ The motion is synthetic, so that nothing here depends on the authored ones.
 """
 
 import copy
+import dataclasses
 import shutil
 from collections.abc import Callable
 from functools import cache
@@ -17,14 +18,19 @@ from learners import build_learner
 from tensordict.nn import TensorDictModule
 
 from tlr_exp import g1
+from tlr_exp.assembly import build_ppo
 from tlr_exp.config import load_settings
 from tlr_exp.env import TrackingEnv
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.native import NativePhysics
 from tlr_exp.ppo import Ppo
+from tlr_exp.records.checkpoint import CheckpointStore
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.robot import Robot, build_robot
 from tlr_exp.settings import Settings
+from tlr_exp.viewing import native, web
+from tlr_exp.viewing.recording import Recording
 
 # Time limits of single examples fail on a busy machine.
 hypothesis.settings.register_profile("no_deadline", deadline=None)
@@ -122,6 +128,32 @@ def make_ppo(settings_of) -> Callable[..., Ppo]:
         return build_learner(settings_of("ppo.hidden_sizes=[16]", *overrides).ppo, seed, critic)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def untrained_run(
+    settings_of: Callable[..., Settings], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A run directory with one checkpoint, whose policy was drawn and not trained. Only read."""
+    settings = settings_of("ppo.hidden_sizes=[16]", "scale.num_envs=16")
+    path = tmp_path_factory.mktemp("runs") / "a-run"
+    RunDirectory.create(path, dataclasses.asdict(settings), tags={})
+    state = {"trainer": {"ppo": build_ppo(settings).state_dict()}}
+    CheckpointStore(path / "checkpoints", keep_last=1).save(5, state)
+    return path
+
+
+@pytest.fixture
+def shown_recordings(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Recording, int | None]]:
+    """What the viewers would show, which are stood in for: recordings, with the port for one."""
+    shown: list[tuple[Recording, int | None]] = []
+    monkeypatch.setattr(native, "require_display", lambda: None)
+    monkeypatch.setattr(web, "require_packages", lambda: None)
+    monkeypatch.setattr(native, "view", lambda recording, robot: shown.append((recording, None)))
+    monkeypatch.setattr(
+        web, "serve", lambda recording, robot, port: shown.append((recording, port))
+    )
+    return shown
 
 
 @pytest.fixture(scope="session")

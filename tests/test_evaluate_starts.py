@@ -1,6 +1,5 @@
 """tlr-evaluate --starts: where the roll-outs begin, and what is said of them together."""
 
-import dataclasses
 import json
 import math
 
@@ -8,22 +7,8 @@ import pytest
 from rich.console import Console
 
 from tlr_exp import evaluate
-from tlr_exp.assembly import build_ppo
 from tlr_exp.evaluate.starts import Start, start_frames, starts_table, summary
 from tlr_exp.evaluation import EvaluationResult
-from tlr_exp.records.checkpoint import CheckpointStore
-from tlr_exp.records.run_directory import RunDirectory
-
-
-@pytest.fixture(scope="module")
-def run(settings_of, tmp_path_factory):
-    """A run directory with one checkpoint, whose policy was drawn and not trained."""
-    settings = settings_of("ppo.hidden_sizes=[16]", "scale.num_envs=16")
-    path = tmp_path_factory.mktemp("runs") / "a-run"
-    RunDirectory.create(path, dataclasses.asdict(settings), tags={})
-    state = {"trainer": {"ppo": build_ppo(settings).state_dict()}}
-    CheckpointStore(path / "checkpoints", keep_last=1).save(5, state)
-    return path
 
 
 def result(survival: float, latency_ms: float | None) -> EvaluationResult:
@@ -57,8 +42,8 @@ def test_mean_and_spread_by_hand():
     assert "…" not in shown.get()
 
 
-def test_the_first_roll_out_is_the_one_without_starts(run, tmp_path, capsys):
-    command = [str(run), "--no-video", "--no-pictures", "-o", str(tmp_path)]
+def test_the_first_roll_out_is_the_one_without_starts(untrained_run, tmp_path, capsys):
+    command = [str(untrained_run), "--no-video", "--no-pictures", "-o", str(tmp_path)]
     assert evaluate.main(command) == 0
     assert "start phases" not in capsys.readouterr().out
     assert evaluate.main([*command, "--starts", "3"]) == 0

@@ -6,7 +6,7 @@ import pytest
 from tlr_exp.motion_tool import main
 from tlr_exp.pictures import clip_pictures
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
-from tlr_exp.viewing import native, web
+from tlr_exp.viewing import web
 
 
 @pytest.fixture
@@ -106,18 +106,11 @@ def test_times_are_taken_as_they_are(short_clip_path, tmp_path, monkeypatch):
     ("arguments", "port"), [(["--view"], None), (["--web"], 8080), (["--web", "0"], 0)]
 )
 def test_a_viewer_gets_the_clip_and_nothing_is_written(
-    short_clip, short_clip_path, tmp_path, monkeypatch, arguments, port
+    short_clip, short_clip_path, tmp_path, monkeypatch, shown_recordings, arguments, port
 ):
     monkeypatch.chdir(tmp_path)
-    shown = []
-    monkeypatch.setattr(native, "require_display", lambda: None)
-    monkeypatch.setattr(web, "require_packages", lambda: None)
-    monkeypatch.setattr(native, "view", lambda recording, robot: shown.append((recording, None)))
-    monkeypatch.setattr(
-        web, "serve", lambda recording, robot, port: shown.append((recording, port))
-    )
     assert main(["show", str(short_clip_path), *arguments]) == 0
-    ((recording, given),) = shown
+    ((recording, given),) = shown_recordings
     assert given == port
     assert recording.title == "short: 41 frames at 50 fps, 0.80 s"
     np.testing.assert_array_equal(recording.qpos, short_clip.qpos)
