@@ -1,0 +1,111 @@
+"""What runs of a variant left behind: their curves, and a picture of them."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import yaml
+
+from tlr_exp import keys
+from tlr_exp.g1 import CONTROL_DT_S
+
+WINDOW = 20  # iterations over which a value is averaged
+COLUMNS = {
+    "env_steps": keys.ENV_STEPS,
+    "episode_steps": keys.EPISODE_LENGTH,
+    "upper_m": keys.TRAIN_UPPER_BODY_ERROR,
+    "lower_m": keys.TRAIN_LOWER_BODY_ERROR,
+    "seconds": f"{keys.TIME_PREFIX}iteration_s",
+}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One run: an array [iterations] for each column, and the goal reward of an episode."""
+
+    columns: Mapping[str, np.ndarray]
+
+    @property
+    def iterations(self) -> int:
+        return len(self.columns["env_steps"])
+
+    def goal_return_at(self, iteration: int) -> float:
+        """Mean goal reward of an episode over the last iterations up to ``iteration``."""
+        return float(self.columns["goal_return"][max(0, iteration - WINDOW) : iteration].mean())
+
+    def summary(self) -> str:
+        if not self.iterations:
+            return "nothing yet"
+        last = {name: values[-WINDOW:].mean() for name, values in self.columns.items()}
+        return (
+            f"{self.iterations} iterations, episode {last['episode_steps']:.0f} steps, "
+            f"upper {100 * last['upper_m']:.1f} cm, lower {100 * last['lower_m']:.1f} cm, "
+            f"goal return {last['goal_return']:.2f}"
+        )
+
+
+def run_of(folder: Path, seed: int) -> Path | None:
+    """The run directory of that seed in a variant's folder, if it has begun."""
+    found = [path.parent for path in folder.glob(f"*-seed{seed}-*/metrics.jsonl")]
+    return found[0] if found else None
+
+
+def read_curve(run: Path | None) -> Curve:
+    """The curve of a run directory; empty where there is none."""
+    rows: list[dict] = []
+    goal: Mapping[str, float] = {}
+    if run is not None:
+        lines = (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+        # The last line of a run that is training may be half written.
+        rows = [json.loads(line) for line in lines if line.endswith("}")]
+        rows = [row.get("metrics", row) for row in rows]
+        goal = yaml.safe_load((run / "config.yaml").read_text(encoding="utf-8"))["reward"]["goal"]
+    columns = {name: np.array([row[key] for row in rows]) for name, key in COLUMNS.items()}
+    per_step = np.array(
+        [sum(c * row[keys.REWARD_TERM_PREFIX + term] for term, c in goal.items()) for row in rows]
+    )
+    columns["goal_return"] = per_step * CONTROL_DT_S * columns["episode_steps"]
+    columns["hours"] = np.cumsum(columns.pop("seconds")) / 3600
+    return Curve(columns)
+
+
+def draw(curves: Mapping[str, Sequence[Curve]], path: Path) -> None:
+    """Errors and episode length of every variant against control steps and against hours."""
+    panels = {
+        "episode_steps": ("mean episode (control steps)", 1.0),
+        "upper_m": ("upper-body error (cm)", 100.0),
+        "lower_m": ("lower-body error (cm)", 100.0),
+    }
+    axes_names = {"env_steps": ("control steps (million)", 1e-6), "hours": ("minutes", 60.0)}
+    figure, grid = plt.subplots(2, 3, figsize=(13, 7.5), layout="constrained")
+    colors = plt.get_cmap("tab20").colors
+    for row, (x_name, (x_label, x_scale)) in enumerate(axes_names.items()):
+        for column, (y_name, (y_label, y_scale)) in enumerate(panels.items()):
+            axes = grid[row, column]
+            for number, (name, runs) in enumerate(curves.items()):
+                for index, curve in enumerate(runs):
+                    axes.plot(
+                        x_scale * curve.columns[x_name],
+                        y_scale * _smooth(curve.columns[y_name]),
+                        color=colors[number % len(colors)],
+                        linewidth=1.2,
+                        label=name if index == 0 else None,
+                    )
+            axes.set(xlabel=x_label, ylabel=y_label)
+            axes.set_ylim(bottom=0)
+            axes.grid(alpha=0.3)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside right center", fontsize="small", frameon=False)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _smooth(values: np.ndarray) -> np.ndarray:
+    """Running mean over the last ten iterations."""
+    sums = np.cumsum(np.concatenate(([0.0], values)))
+    starts = np.maximum(0, np.arange(len(values)) - 9)
+    ends = np.arange(1, len(values) + 1)
+    return (sums[ends] - sums[starts]) / (ends - starts)
