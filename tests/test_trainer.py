@@ -27,7 +27,7 @@ class FakePpo:
     def estimate_advantages(self, batch: TensorDict) -> None:
         self.rewards.append(batch["next", keys.REWARD].clone())
 
-    def update(self, batch: TensorDict) -> PpoDiagnostics:
+    def update(self, batch: TensorDict, progress: float) -> PpoDiagnostics:
         return PpoDiagnostics(*[0.0] * 7)
 
 

@@ -19,9 +19,10 @@ from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
 from tlr_exp.motion.clip import MotionClip, resample
 from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.reference import Reference
-from tlr_exp.networks import build_actor, build_critic
+from tlr_exp.networks import build_actor, build_critic, set_precision
 from tlr_exp.objective import Objective
 from tlr_exp.ppo import Ppo
+from tlr_exp.precision import chosen_precision
 from tlr_exp.reward import RewardSplit
 from tlr_exp.robot import Robot, build_robot
 from tlr_exp.settings import EnvSettings, ResetNoise, Settings
@@ -122,8 +123,10 @@ def build_ppo(settings: Settings) -> Ppo:
         torch.manual_seed(seeds.networks)
         actor = build_actor(observation_dim, g1.NUM_JOINTS, settings.ppo, exploration)
         critic = build_critic(observation_dim, PRIVILEGED_DIM, settings.ppo)
-    actor.to(device)
-    critic.to(device)
+    precision = chosen_precision(settings.precision, settings.device)
+    for network in (actor, critic):
+        network.to(device)
+        set_precision(network, precision)
     return Ppo(actor, critic, settings.ppo, seeds.minibatches, exploration)
 
 

@@ -1,11 +1,15 @@
 """Actor and critic: multilayer perceptrons behind a running normalisation of what they see."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import MLP, IndependentNormal, ProbabilisticActor, ValueOperator
 
 from tlr_exp import keys
+from tlr_exp.precision import BFLOAT16, FLOAT32
 from tlr_exp.settings import PpoSettings
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
@@ -35,7 +39,8 @@ class RunningNorm(nn.Module):
         self.register_buffer("scale", torch.ones(size))
 
     def forward(self, value: Tensor) -> Tensor:
-        return ((value - self.shift) * self.scale).clamp(-self.clip, self.clip)
+        # In place after the first step: these passes over memory are a tenth of an update.
+        return (value - self.shift).mul_(self.scale).clamp_(-self.clip, self.clip)
 
     @torch.no_grad()
     def update(self, batch: Tensor) -> None:
@@ -51,6 +56,21 @@ class RunningNorm(nn.Module):
         self.count.copy_(total)
         self.shift.copy_(self.mean)
         self.scale.copy_((self.variance + 1e-5).rsqrt())
+
+
+class MixedPrecisionMlp(MLP):
+    """A multilayer perceptron that multiplies in ``precision``; all it keeps and gives is float32.
+
+    See ``set_precision``. Sums of products and the parameters stay float32 in bfloat16, too
+    (PyTorch's autocast).
+    """
+
+    precision = FLOAT32
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        lower = self.precision == BFLOAT16
+        with torch.autocast(inputs[0].device.type, torch.bfloat16, enabled=lower):
+            return super().forward(*inputs).float()
 
 
 class GaussianHead(nn.Module):
@@ -114,12 +134,31 @@ def update_norms(network: nn.Module, batch: Tensor) -> None:
             module.update(batch)
 
 
+def set_precision(network: nn.Module, precision: str) -> None:
+    """Let ``network`` multiply in ``float32`` or ``bfloat16``, acting and learning."""
+    for module in network.modules():
+        if isinstance(module, MixedPrecisionMlp):
+            module.precision = precision
+
+
+@contextmanager
+def in_float32(network: nn.Module) -> Iterator[None]:
+    """For a while, let ``network`` multiply in full precision: how policies are judged."""
+    before = {m: m.precision for m in network.modules() if isinstance(m, MixedPrecisionMlp)}
+    set_precision(network, FLOAT32)
+    try:
+        yield
+    finally:
+        for module, precision in before.items():
+            module.precision = precision
+
+
 def _norm(size: int, settings: PpoSettings) -> nn.Module:
     return RunningNorm(size) if settings.normalize_observations else nn.Identity()
 
 
-def _mlp(inputs: int, outputs: int, settings: PpoSettings) -> MLP:
-    return MLP(
+def _mlp(inputs: int, outputs: int, settings: PpoSettings) -> MixedPrecisionMlp:
+    return MixedPrecisionMlp(
         in_features=inputs,
         out_features=outputs,
         num_cells=list(settings.hidden_sizes),

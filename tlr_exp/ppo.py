@@ -5,6 +5,7 @@ composed; how, it does not know.
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +14,14 @@ from tensordict import TensorDictBase
 from tensordict.nn import ProbabilisticTensorDictSequential, TensorDictModule
 from torch import Tensor
 from torchrl.objectives import ClipPPOLoss
-from torchrl.objectives.value import GAE
+from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from tlr_exp import keys
-from tlr_exp.networks import update_norms
+from tlr_exp.networks import GaussianHead, update_norms
 from tlr_exp.settings import PpoSettings
+
+# States that the critic values at a time: for 4096 x 24 at once its activations take a gigabyte.
+VALUE_ROWS = 12288
 
 
 @dataclass(frozen=True)
@@ -58,16 +62,6 @@ class Ppo:
     ) -> None:
         self.actor, self.critic, self.settings = actor, critic, settings
         self.exploration = exploration
-        self.advantage = GAE(
-            gamma=settings.gamma,
-            lmbda=settings.gae_lambda,
-            value_network=critic,
-            average_gae=False,
-            vectorized=False,
-            deactivate_vmap=True,
-            # Environments at a time: the critic's activations for 4096 at once take a gigabyte.
-            value_chunk_size=512,
-        )
         self.loss = ClipPPOLoss(
             actor,
             critic,
@@ -78,30 +72,66 @@ class Ppo:
             loss_critic_type="l2",
             normalize_advantage=False,
         )
+        self.actor_head = next(m for m in actor.modules() if isinstance(m, GaussianHead))
         self.actor_parameters = list(actor.parameters())
         self.critic_parameters = list(critic.parameters())
         self.adam = torch.optim.Adam(
-            [*self.actor_parameters, *self.critic_parameters], lr=settings.learning_rate
+            [*self.actor_parameters, *self.critic_parameters],
+            lr=settings.learning_rate,
+            fused=True,
         )
         self.generator = torch.Generator().manual_seed(seed)
 
+    @torch.no_grad()
     def estimate_advantages(self, batch: TensorDictBase) -> None:
         """Write ``advantage`` (normalised over the batch) and ``value_target`` into ``batch``.
 
         A terminated step is worth its reward alone, a truncated one also what the critic expects
         of the state that it ended in.
         """
-        with torch.no_grad():
-            self.advantage(batch)
-        advantage = batch["advantage"]
+        after = batch["next"]
+        batch["state_value"] = self._values(batch)
+        advantage, batch["value_target"] = generalized_advantage_estimate(
+            self.settings.gamma,
+            self.settings.gae_lambda,
+            batch["state_value"],
+            self._values_after(batch["state_value"], after),
+            after[keys.REWARD],
+            done=after[keys.DONE],
+            terminated=after[keys.TERMINATED],
+        )
         batch["advantage"] = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
 
-    def update(self, batch: TensorDictBase) -> PpoDiagnostics:
+    def _values_after(self, values: Tensor, after: TensorDictBase) -> Tensor:
+        """The critic's values [num_envs, num_steps, 1] of the states in which the steps ended.
+
+        Within an episode that state is where the next step begins, whose value is known: only
+        where an episode or the batch ends is the critic asked again.
+        """
+        cut = after[keys.DONE].squeeze(-1).clone()
+        cut[:, -1] = True
+        values_after = values.roll(-1, dims=1)
+        values_after[cut] = self._values(after.select(*self.critic.in_keys)[cut])
+        return values_after
+
+    def _values(self, states: TensorDictBase) -> Tensor:
+        """The critic's values [..., 1] of ``states`` [...], in bounded memory."""
+        rows = states.select(*self.critic.in_keys).reshape(-1)
+        values = [self.critic(part)["state_value"] for part in rows.split(VALUE_ROWS)]
+        return torch.cat(values).reshape(*states.batch_size, 1)
+
+    def update(self, batch: TensorDictBase, progress: float = 0.0) -> PpoDiagnostics:
         """Improve actor and critic on ``batch`` [num_envs, num_steps]; then renew the norms.
+
+        ``progress`` is the share of the training that is behind it, from 0 to 1; a learning rate
+        that falls over the training follows it.
 
         Raises:
             NonFiniteLossError: the loss or its gradient is not finite.
         """
+        if self.settings.final_learning_rate is not None:
+            first, last = self.settings.learning_rate, self.settings.final_learning_rate
+            self._set_learning_rate(first + (last - first) * progress)
         samples = batch.select(*self._needed_keys()).reshape(-1)
         sums = torch.zeros(6, device=samples.device)
         for epoch in range(self.settings.num_epochs):
@@ -133,8 +163,9 @@ class Ppo:
             yield samples[part.to(samples.device)]
 
     def _update_once(self, minibatch: TensorDictBase, epoch: int) -> Tensor:
-        losses = self.loss(minibatch)
-        kl = self._kl_divergence(minibatch)
+        with self._noted_distribution() as present:
+            losses = self.loss(minibatch)
+        kl = _kl_divergence(minibatch, *present)
         total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
         self.adam.zero_grad(set_to_none=True)
         total.backward()
@@ -157,13 +188,21 @@ class Ppo:
             [*(losses[name].detach() for name in logged), kl, losses["clip_fraction"], rate]
         )
 
-    @torch.no_grad()
-    def _kl_divergence(self, minibatch: TensorDictBase) -> Tensor:
-        """Mean KL divergence of the collecting policy from the present one, in nats."""
-        old = torch.distributions.Normal(minibatch["loc"], minibatch["scale"])
-        params: Any = self.actor.get_dist_params(minibatch.select(keys.OBSERVATION))
-        present = torch.distributions.Normal(params["loc"], params["scale"])
-        return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()
+    @contextmanager
+    def _noted_distribution(self) -> Iterator[list[Tensor]]:
+        """A list that gets ``loc`` and ``scale`` of the actor's next forward pass.
+
+        The loss computes them and keeps them to itself; asking the actor again would cost a
+        fifth of an update.
+        """
+        present: list[Tensor] = []
+        hook = self.actor_head.register_forward_hook(
+            lambda _module, _inputs, outputs: present.extend(value.detach() for value in outputs)
+        )
+        try:
+            yield present
+        finally:
+            hook.remove()
 
     def _adapt_learning_rate(self, kl: Tensor) -> None:
         """Divide the rate by 1.5 above twice the target KL, multiply it below half (ASAP)."""
@@ -175,6 +214,9 @@ class Ppo:
             rate = max(self.settings.min_learning_rate, rate / 1.5)
         elif 0.0 < kl < 0.5 * target:
             rate = min(self.settings.max_learning_rate, rate * 1.5)
+        self._set_learning_rate(rate)
+
+    def _set_learning_rate(self, rate: float) -> None:
         for group in self.adam.param_groups:
             group["lr"] = rate
 
@@ -193,3 +235,11 @@ class Ppo:
         self.adam.load_state_dict(state["adam"])
         self.generator.set_state(state["generator"])
         self.exploration.set_state(state["exploration"])
+
+
+@torch.no_grad()
+def _kl_divergence(collected: TensorDictBase, loc: Tensor, scale: Tensor) -> Tensor:
+    """Mean KL divergence of the collecting policy from the present one, in nats."""
+    old = torch.distributions.Normal(collected["loc"], collected["scale"])
+    present = torch.distributions.Normal(loc, scale)
+    return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()

@@ -50,8 +50,10 @@ class Trainer:
         self.env_steps = 0
         self.seconds: dict[str, float] = {}
 
-    def train_iteration(self) -> dict[str, float]:
+    def train_iteration(self, progress: float = 0.0) -> dict[str, float]:
         """One iteration (Algorithm 1 of the paper around PPO); returns its metrics by name.
+
+        ``progress`` is the share of the training that is behind it, from 0 to 1.
 
         Raises:
             NonFiniteLossError: the loss is not finite.
@@ -62,15 +64,15 @@ class Trainer:
         self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         terms = batch["next", keys.REWARD_TERMS]
         returns = self.split.returns(terms)
-        progress = TrainingProgress(self.episodes.mean_length, num_steps=batch.shape[1])
+        episodes = TrainingProgress(self.episodes.mean_length, num_steps=batch.shape[1])
         with self._timed("weights"):
-            self.weight_optimizer.observe(progress)
+            self.weight_optimizer.observe(episodes)
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
             self.ppo.estimate_advantages(batch)
         with self._timed("update"):
-            diagnostics = self.ppo.update(batch)
+            diagnostics = self.ppo.update(batch, progress)
         with self._timed("landscape"):
             box_share = self.box_sample.optimal_share(*returns, found.objective)
         return self._metrics(batch, found, box_share, diagnostics)

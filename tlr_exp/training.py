@@ -25,6 +25,7 @@ from tlr_exp.assembly import (
 from tlr_exp.cores import available_cores
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 from tlr_exp.motion.script import KeyframeError
+from tlr_exp.networks import in_float32
 from tlr_exp.objective import NonFiniteReturnsError
 from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
@@ -112,7 +113,7 @@ class Training:
 
     def _iterate(self, iteration: int, display: Display) -> None:
         start = time.perf_counter()
-        metrics = self.trainer.train_iteration()
+        metrics = self.trainer.train_iteration((iteration - 1) / self.settings.scale.iterations)
         self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
         metrics[keys.DISTANCE_LIMIT] = self.env.distance.value_m.item()
         scale = self.settings.scale
@@ -132,9 +133,9 @@ class Training:
 
     def _evaluate(self) -> EvaluationResult:
         """The deterministic policy over the whole motion."""
-        _, result = evaluate_policy(
-            self.evaluation_env, self.trainer.ppo.actor, self.evaluation_env.term_names
-        )
+        actor = self.trainer.ppo.actor
+        with in_float32(actor):
+            _, result = evaluate_policy(self.evaluation_env, actor, self.evaluation_env.term_names)
         return result
 
     def _save(self, iteration: int, score: float | None) -> None:
