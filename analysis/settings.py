@@ -18,10 +18,10 @@ SEED = "seed"
 NOT_LEARNED = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
     *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
-    "scale.keep_checkpoints",
+    *("scale.keep_checkpoints", "precision", "recipe"),
 )
 # Of these, the ones that change what is measured, and so are said.
-TOLD = ("num_threads", "physics.num_threads", "scale.evaluate_every")
+TOLD = ("num_threads", "physics.num_threads", "precision", "scale.evaluate_every")
 
 ABSENT = object()  # in place of the value of a key that a configuration does not have
 

@@ -32,13 +32,19 @@ CONFIG_PATH = "pkg://tlr_exp.conf"
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
+    *("precision", "recipe"),
     *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
     "scale.keep_checkpoints",
 )
 
 
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
-ADDED_KEYS: dict[str, Any] = {"reward.penalty_scale": 1.0}
+ADDED_KEYS: dict[str, Any] = {
+    "reward.penalty_scale": 1.0,
+    "precision": "float32",
+    "recipe": "paper",
+    "ppo.final_learning_rate": None,
+}
 
 
 class ConfigError(ValueError):
@@ -243,6 +249,11 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         yield "ppo.num_minibatches exceeds the samples of an iteration (num_envs * num_steps)"
     if not ppo.min_learning_rate <= ppo.learning_rate <= ppo.max_learning_rate:
         yield "ppo.learning_rate must lie from ppo.min_learning_rate to ppo.max_learning_rate"
+    if ppo.target_kl is not None and ppo.final_learning_rate is not None:
+        yield (
+            "ppo.final_learning_rate and ppo.target_kl both say how the learning rate changes; "
+            "one of them must be null"
+        )
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
     lower, upper = settings.optimizer.get("lower"), settings.optimizer.get("upper")

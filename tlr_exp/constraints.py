@@ -9,9 +9,10 @@ from typing import Any
 from tlr_exp.g1 import COLLISION_SETS, GAIN_SETS
 
 OBSERVATIONS = ("history", "reference")
-ACTIONS = ("default_pose", "current_pose")
+ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
 START_PHASES = ("random", "zero")
 ACTIVATIONS = ("elu", "relu", "tanh")
+PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")
 
 
@@ -55,6 +56,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "seed": at_least(0),
     "device": _DEVICE,
     "num_threads": at_least(0),
+    "precision": one_of(PRECISIONS),
     "resume": one_of(RESUME_MODES),
     "env.robot.gains": one_of(GAIN_SETS),
     "env.robot.collisions": one_of(COLLISION_SETS),
@@ -112,6 +114,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "ppo.entropy_coeff": at_least(0),
     "ppo.max_grad_norm": above(0),
     "ppo.learning_rate": above(0),
+    "ppo.final_learning_rate": above(0),
     "ppo.min_learning_rate": above(0),
     "ppo.max_learning_rate": above(0),
     "ppo.target_kl": above(0),

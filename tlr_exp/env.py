@@ -74,6 +74,7 @@ class TrackingEnv(EnvBase):
         tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)
         self.default_joint_pos = tensor(robot.default_joint_pos_rad)
         self.action_scale = tensor(robot.action_scale_rad)
+        self.damping_time_s = tensor(robot.kd / robot.kp)
         self.limits = JointLimits(
             tensor(robot.joint_range_rad),
             tensor(robot.velocity_limit_rad_s),
@@ -162,10 +163,26 @@ class TrackingEnv(EnvBase):
         return stepped, after
 
     def _joint_target(self, action: Tensor) -> Tensor:
-        base = self.default_joint_pos
-        if self.settings.action == "current_pose":
-            base = self.state.qpos[:, 7:]
-        return base + self.action_scale * action
+        return self._target_of_zero_action() + self.action_scale * action
+
+    def _target_of_zero_action(self) -> Tensor:
+        """What an action is relative to, rad: [23], or [num_envs, 23] where robots differ."""
+        match self.settings.action:
+            case "current_pose":
+                return self.state.qpos[:, 7:]
+            case "reference_pose":
+                return self._coming_reference().qpos[:, 7:]
+            case "reference_motion":
+                # With a target that is ahead by velocity * kd / kp, the PD control damps only what
+                # differs from the reference's velocity.
+                coming = self._coming_reference()
+                return coming.qpos[:, 7:] + self.damping_time_s * coming.qvel[:, 6:]
+            case _:
+                return self.default_joint_pos
+
+    def _coming_reference(self) -> ReferenceFrame:
+        """The reference that this step is to reach, with which its end is compared."""
+        return self.reference.frame(self._frame_index() + 1)
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""

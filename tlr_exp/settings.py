@@ -101,6 +101,7 @@ class PpoSettings:
     entropy_coeff: float
     max_grad_norm: float
     learning_rate: float
+    final_learning_rate: float | None
     min_learning_rate: float
     max_learning_rate: float
     target_kl: float | None
@@ -125,8 +126,9 @@ class ScaleSettings:
 
 @dataclass
 class Settings:
-    """One run, whole."""
+    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``)."""
 
+    recipe: str
     env: EnvSettings
     physics: dict[str, Any]
     reward: RewardSettings
@@ -136,6 +138,7 @@ class Settings:
     seed: int
     device: str
     num_threads: int
+    precision: str
     study: str
     runs_dir: str
     resume: str
