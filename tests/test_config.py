@@ -212,7 +212,7 @@ def test_the_identity_ignores_where_a_run_is_kept_and_nothing_that_it_learns_fro
 def test_runs_keep_the_identity_that_earlier_versions_gave_them(tmp_path, identity, overrides):
     motion = tmp_path / "motion.npz"
     motion.write_bytes(b"a motion")
-    config = plain_config(composed(f"env.motion={motion}", *overrides))
+    config = plain_config(composed("recipe=paper", f"env.motion={motion}", *overrides))
     assert run_identity(config) == identity
     for key in set(ADDED_KEYS) - set(ALWAYS_IDENTITY):  # as such a run's own file has it
         *parents, name = key.split(".")
