@@ -12,6 +12,7 @@ from analysis.runs import RunRecord
 
 OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
 SEED = "seed"
+RECIPE = "recipe"  # runs from before it had a name learned by the paper's
 
 # Keys that change where or how a run is made, not what it learns; as tlr_exp.config.NOT_IDENTITY,
 # which the analysis cannot import. A test compares the two.

@@ -72,14 +72,17 @@ def short_clip_path(short_clip: MotionClip, tmp_path_factory: pytest.TempPathFac
 
 @pytest.fixture(scope="session")
 def settings_of(short_clip_path: Path) -> Callable[..., Settings]:
-    """``settings_of(*overrides)``: checked settings of ``conf/``, on the short motion."""
+    """``settings_of(*overrides)``: checked settings of ``conf/``, on the short motion.
+
+    By the paper's recipe, for whose values the arithmetic of the tests was done.
+    """
+    motion = f"env.motion={short_clip_path}"
 
     @cache
     def load(*overrides: str) -> Settings:
         with initialize_config_module("tlr_exp.conf", version_base="1.3"):
-            return load_settings(
-                compose("config", [f"env.motion={short_clip_path}", "study=test", *overrides])
-            )
+            recipe = [] if "recipe=fast" in overrides else ["recipe=paper"]
+            return load_settings(compose("config", [*recipe, motion, "study=test", *overrides]))
 
     def fresh(*overrides: str) -> Settings:
         return copy.deepcopy(load(*overrides))

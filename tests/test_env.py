@@ -12,6 +12,7 @@ from torchrl.envs import EnvBase, step_mdp
 from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
+from tlr_exp.constraints import ACTIONS
 from tlr_exp.env import TrackingEnv
 from tlr_exp.mdp.rewards import TERMS, Transition
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
@@ -49,7 +50,7 @@ def assert_same_bits(left: TensorDictBase, right: TensorDictBase) -> None:
 
 
 @pytest.mark.parametrize("observation", ["history", "reference"])
-@pytest.mark.parametrize("action", ["default_pose", "current_pose"])
+@pytest.mark.parametrize("action", ACTIONS)
 def test_specs_hold_for_every_choice(make_env, observation, action):
     env = make_env(f"env.observation={observation}", f"env.action={action}")
     check_env_specs(env)
@@ -231,7 +232,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
     ("name", "allowed"),
     [
         ("observation", "history, reference"),
-        ("action", "default_pose, current_pose"),
+        ("action", "default_pose, current_pose, reference_pose, reference_motion"),
         ("start_phase", "random, zero"),
     ],
 )

@@ -12,6 +12,7 @@ from playback import Playback
 from torch import Tensor
 
 from tlr_exp import g1, keys
+from tlr_exp.constraints import ACTIONS
 from tlr_exp.env import TrackingEnv
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.state import PhysicsState
@@ -255,13 +256,20 @@ def test_the_observed_reference_is_the_one_of_the_next_instant(playing, short_cl
         seen = step(env)[keys.OBSERVATION]
 
 
-@pytest.mark.parametrize("choice", ["default_pose", "current_pose"])
-def test_joint_targets(playing, robot, choice):
-    env = playing(f"env.action={choice}")
+@pytest.mark.parametrize("choice", ACTIONS)
+def test_joint_targets(playing, robot, short_clip, choice):
+    env = playing(f"env.action={choice}", "env.start_phase=zero")
     env.reset()
     before = env.state.qpos[:, 7:].clone()
     action = torch.linspace(-2.0, 2.0, 69).reshape(NUM_ENVS, 23)
     step(env, action)
-    base = before.double().numpy() if choice == "current_pose" else robot.default_joint_pos_rad
+    coming = short_clip.qpos[:, 7:][1 + 1]  # frame 0, one step later, read one step ahead
+    velocity = short_clip.qvel[:, 6:][1 + 1]
+    base = {
+        "default_pose": robot.default_joint_pos_rad,
+        "current_pose": before.double().numpy(),
+        "reference_pose": coming,
+        "reference_motion": coming + velocity * robot.kd / robot.kp,
+    }[choice]
     expected = base + action.double().numpy() * robot.action_scale_rad
     np.testing.assert_allclose(env.physics.targets[0].numpy(), expected, atol=1e-6)

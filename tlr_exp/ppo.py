@@ -89,7 +89,7 @@ class Ppo:
         A terminated step is worth its reward alone, a truncated one also what the critic expects
         of the state that it ended in.
         """
-        after = batch["next"]
+        after: TensorDictBase = batch.get("next")
         batch["state_value"] = self._values(batch)
         advantage, batch["value_target"] = generalized_advantage_estimate(
             self.settings.gamma,

@@ -128,6 +128,7 @@ def open_run(
     tags = {
         "method": method,
         "scale": settings.scale.name,
+        "recipe": settings.recipe,
         "device": settings.device,
         "motion": settings.env.motion,
         "experiment": settings.study,

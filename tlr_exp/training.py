@@ -28,6 +28,7 @@ from tlr_exp.motion.script import KeyframeError
 from tlr_exp.networks import in_float32
 from tlr_exp.objective import NonFiniteReturnsError
 from tlr_exp.ppo import NonFiniteLossError
+from tlr_exp.precision import chosen_precision
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.kept_motion import kept_motion
@@ -77,8 +78,10 @@ class Training:
         self.settings, self.run = settings, run
         # Always, so that no job of a sweep inherits another's.
         torch.set_num_threads(settings.num_threads or available_cores())
+        found = {"precision": chosen_precision(settings.precision, settings.device)}
         if settings.device != "cpu":
-            run.set_status(RUNNING, device_name=torch.cuda.get_device_name(settings.device))
+            found["device_name"] = torch.cuda.get_device_name(settings.device)
+        run.set_status(RUNNING, **found)
         self.store = checkpoint_store(settings, run)
         robot = build_robot_of(settings.env)
         clip = kept_motion(run, lambda: build_clip(settings.env, robot))

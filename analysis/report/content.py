@@ -28,6 +28,7 @@ from analysis.report.claims import (
 )
 from analysis.report.evidence import SEED, Evidence, seed_noise
 from analysis.report.outcomes import Outcome, outcomes
+from analysis.settings import RECIPE, setting
 from analysis.statistics.nulls import FalsePositiveRates, false_positive_rates
 from analysis.statistics.results import Interval
 from analysis.study import Study, pretty_arm
@@ -173,8 +174,12 @@ def _subtitle(study: Study) -> str:
     size = f"{runs['num_envs'].iloc[0]} environments, {study.iterations} iterations"
     motion = ", ".join(sorted(runs["motion"].unique()))
     scale = ", ".join(sorted(runs["scale"].unique()))
+    recipe = ", ".join(sorted({setting(json.loads(c), RECIPE) or "paper" for c in runs["config"]}))
     arms = ", ".join(pretty_arm(arm) for arm in study.arms)
-    return f"Motion {motion}; scale {scale}: {size}; arms: {arms}; seeds per arm: {seeds}."
+    return (
+        f"Motion {motion}; scale {scale}: {size}; recipe {recipe}; arms: {arms}; "
+        f"seeds per arm: {seeds}."
+    )
 
 
 def _banner(study: Study) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -102,10 +103,12 @@ def load_policy(choice: Choice) -> Any:
         CheckpointError: the checkpoint cannot be read, or holds no policy of this configuration.
     """
     from tlr_exp.assembly import build_ppo
+    from tlr_exp.precision import FLOAT32
     from tlr_exp.records.checkpoint import CheckpointError, load_checkpoint
 
     state = load_checkpoint(choice.checkpoint, choice.settings.device)
-    actor = build_ppo(choice.settings).actor
+    # In full precision on any machine, whatever the policy learned in.
+    actor = build_ppo(dataclasses.replace(choice.settings, precision=FLOAT32)).actor
     try:
         actor.load_state_dict(state["trainer"]["ppo"]["actor"])
     except (KeyError, RuntimeError) as error:
