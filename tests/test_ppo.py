@@ -174,6 +174,14 @@ def test_rate_is_constant_without_a_target(make_ppo):
     assert rate_after(make_ppo, 0.5, "ppo.target_kl=null") == 1e-3
 
 
+@pytest.mark.parametrize(("progress", "rate"), [(0.0, 1e-3), (0.25, 7.75e-4), (1.0, 1e-4)])
+def test_rate_falls_linearly_over_the_training(make_ppo, progress, rate):
+    ppo = make_ppo(
+        *ONE_PASS, "ppo.target_kl=null", "ppo.learning_rate=1e-3", "ppo.final_learning_rate=1e-4"
+    )
+    assert ppo.update(ready(ppo), progress).learning_rate == pytest.approx(rate)
+
+
 def gradient_norm(parameters: list[nn.Parameter]) -> float:
     return math.sqrt(sum(p.grad.double().square().sum().item() for p in parameters))
 
