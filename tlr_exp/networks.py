@@ -59,18 +59,21 @@ class RunningNorm(nn.Module):
 
 
 class MixedPrecisionMlp(MLP):
-    """A multilayer perceptron that multiplies in ``precision``; all it keeps and gives is float32.
+    """A multilayer perceptron whose hidden layers multiply in ``precision``; see ``set_precision``.
 
-    See ``set_precision``. Sums of products and the parameters stay float32 in bfloat16, too
-    (PyTorch's autocast).
+    Sums of products, parameters and outputs stay float32 in bfloat16, too (PyTorch's autocast), and
+    so does the last layer: eight digits of a value are too few to tell it from the next one.
     """
 
     precision = FLOAT32
 
     def forward(self, value: Tensor) -> Tensor:  # type: ignore[override]  # one input, not many
+        *hidden, last = self
         lower = self.precision == BFLOAT16
         with torch.autocast(value.device.type, torch.bfloat16, enabled=lower):
-            return super().forward(value).float()  # type: ignore[arg-type]  # a mistaken annotation
+            for layer in hidden:
+                value = layer(value)
+        return last(value.float())
 
 
 class GaussianHead(nn.Module):

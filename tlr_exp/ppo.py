@@ -17,7 +17,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from tlr_exp import keys
-from tlr_exp.networks import GaussianHead, update_norms
+from tlr_exp.networks import GaussianHead, in_float32, update_norms
 from tlr_exp.settings import PpoSettings
 
 # States that the critic values at a time: for 4096 x 24 at once its activations take a gigabyte.
@@ -117,7 +117,9 @@ class Ppo:
     def _values(self, states: TensorDictBase) -> Tensor:
         """The critic's values [..., 1] of ``states`` [...], in bounded memory."""
         rows = states.select(*self.critic.in_keys).reshape(-1)
-        values = [self.critic(part)["state_value"] for part in rows.split(VALUE_ROWS)]
+        # In full precision, because an advantage is a small difference of large values.
+        with in_float32(self.critic):
+            values = [self.critic(part)["state_value"] for part in rows.split(VALUE_ROWS)]
         return torch.cat(values).reshape(*states.batch_size, 1)
 
     def update(self, batch: TensorDictBase, progress: float = 0.0) -> PpoDiagnostics:
