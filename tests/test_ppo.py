@@ -14,6 +14,7 @@ from learners import (
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
 from torchrl.envs import ExplorationType, set_exploration_type
+from torchrl.objectives.value import GAE
 
 from tlr_exp import keys
 from tlr_exp.ppo import Ppo
@@ -55,6 +56,26 @@ def test_advantages_at_a_cut_by_hand(make_ppo):
     deviation = math.sqrt((11.1171875 - 9 * mean**2) / 8)
     torch.testing.assert_close(batch["advantage"].squeeze(-1), (expected - mean) / deviation)
     assert not batch["advantage"].requires_grad
+
+
+def test_advantages_are_those_of_torchrl_which_asks_the_critic_about_every_state(make_ppo):
+    ppo = make_ppo()
+    batch = collected(ppo, num_envs=16, num_steps=8)
+    going_on = ~batch["next", keys.DONE][:, :-1].squeeze(-1)
+    for key in (
+        keys.OBSERVATION,
+        keys.PRIVILEGED,
+    ):  # within an episode a step begins where one ended
+        batch["next", key][:, :-1][going_on] = batch[key][:, 1:][going_on]
+    theirs = GAE(gamma=0.99, lmbda=0.95, value_network=ppo.critic, deactivate_vmap=True)(
+        batch.clone()
+    )
+    valued = []
+    ppo.critic.register_forward_hook(lambda _, inputs, __: valued.append(len(inputs[0])))
+    ppo.estimate_advantages(batch)
+    torch.testing.assert_close(batch["value_target"], theirs["value_target"])
+    cuts = (~going_on).sum().item() + 16
+    assert valued == [16 * 8, cuts]
 
 
 # --- losses by hand --------------------------------------------------------------------------
