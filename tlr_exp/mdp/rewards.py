@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from tlr_exp import g1, keys
-from tlr_exp.mdp.rotations import rotate_inverse, rotation_angle
+from tlr_exp.mdp.instant import Instant
+from tlr_exp.mdp.rotations import rotation_angle
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 
@@ -31,16 +32,23 @@ class JointLimits:
 class Transition:
     """One control step of all environments, seen from the instant after it.
 
-    ``reference`` is the reference that the step was to reach; actions are raw, [num_envs, 23];
+    The reference is the one that the step was to reach; actions are raw, [num_envs, 23];
     ``terminated`` [num_envs] is true where the step ended the episode by a failure.
     """
 
-    state: PhysicsState
-    reference: ReferenceFrame
+    instant: Instant
     action: Tensor
     previous_action: Tensor
     terminated: Tensor
     limits: JointLimits
+
+    @property
+    def state(self) -> PhysicsState:
+        return self.instant.state
+
+    @property
+    def reference(self) -> ReferenceFrame:
+        return self.instant.reference
 
 
 # --- upper layer: tracking -------------------------------------------------------------------
@@ -48,8 +56,7 @@ class Transition:
 
 def _position_error(step: Transition, bodies: tuple[int, ...] | slice) -> Tensor:
     """Squared position error averaged over axes and bodies, m^2, [num_envs]."""
-    error = step.reference.body_pos_w[:, bodies] - step.state.body_pos_w[:, bodies]
-    return error.square().mean(dim=(-2, -1))
+    return step.instant.squared_distance[:, bodies].mean(dim=-1) / 3.0
 
 
 def body_pos(step: Transition, sigma: float) -> Tensor:
@@ -122,8 +129,7 @@ def ang_vel_xy(step: Transition) -> Tensor:
 
 def lin_vel_z(step: Transition) -> Tensor:
     """v_base,z^2 in (m/s)^2, Table 1: vertical velocity in the base frame."""
-    velocity_b = rotate_inverse(step.state.qpos[:, 3:7], step.state.qvel[:, :3])
-    return velocity_b[:, 2].square()
+    return step.instant.base_lin_vel_b[:, 2].square()
 
 
 def dof_pos_limits(step: Transition, margin: float) -> Tensor:

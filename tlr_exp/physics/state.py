@@ -1,10 +1,10 @@
 """What physics hands to the environment, and the small pieces that all engines share."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from tensordict import TensorClass
 from torch import Tensor
 
 from tlr_exp.g1 import NUM_JOINTS
@@ -13,10 +13,10 @@ NUM_QPOS = 7 + NUM_JOINTS
 NUM_QVEL = 6 + NUM_JOINTS
 
 
-class PhysicsState(TensorClass):
+class PhysicsState(NamedTuple):
     """The robots at one instant: positions, velocities and body poses belong to the same time.
 
-    Batch ``[num_envs]``, float32, world frame, SI units. Bodies are in the order of
+    Batches over environments, float32, world frame, SI units. Bodies are in the order of
     ``tlr_exp.g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow
     MuJoCo: ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is
     the pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the
