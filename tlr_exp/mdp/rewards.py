@@ -59,6 +59,12 @@ def _position_error(step: Transition, bodies: tuple[int, ...] | slice) -> Tensor
     return step.instant.squared_distance[:, bodies].mean(dim=-1) / 3.0
 
 
+def _mean_square(vectors: Tensor) -> Tensor:
+    """Mean over bodies of the squared length of ``vectors`` [num_envs, n, 3], [num_envs]."""
+    # In one sum: sums over three numbers each take several times as long.
+    return vectors.flatten(1).square().sum(dim=-1) / vectors.shape[1]
+
+
 def body_pos(step: Transition, sigma: float) -> Tensor:
     """exp(-(1/sigma) (1/3N) sum ||p_ref - p||^2), section 3.2 of the paper; sigma in m^2."""
     return torch.exp(-_position_error(step, slice(None)) / sigma)
@@ -73,13 +79,13 @@ def body_rot(step: Transition, sigma: float) -> Tensor:
 def body_vel(step: Transition, sigma: float) -> Tensor:
     """exp(-(1/N) sum ||dv||^2 / sigma), section 3.2 of the paper; sigma in (m/s)^2."""
     error = step.reference.body_lin_vel_w - step.state.body_lin_vel_w
-    return torch.exp(-error.square().sum(dim=-1).mean(dim=-1) / sigma)
+    return torch.exp(-_mean_square(error) / sigma)
 
 
 def body_ang_vel(step: Transition, sigma: float) -> Tensor:
     """exp(-(1/N) sum ||domega||^2 / sigma), section 3.2 of the paper; sigma in (rad/s)^2."""
     error = step.reference.body_ang_vel_w - step.state.body_ang_vel_w
-    return torch.exp(-error.square().sum(dim=-1).mean(dim=-1) / sigma)
+    return torch.exp(-_mean_square(error) / sigma)
 
 
 def upper_body_pos(step: Transition, sigma: float) -> Tensor:

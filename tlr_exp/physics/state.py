@@ -117,11 +117,12 @@ def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> N
             raise ValueError(f"{name} holds values that are not finite; a reset needs finite ones")
     if count == 0:
         return
-    if int(env_ids.min()) < 0 or int(env_ids.max()) >= num_envs:
+    ordered = env_ids.sort().values
+    if int(ordered[0]) < 0 or int(ordered[-1]) >= num_envs:
         raise ValueError(
-            f"env_ids must lie in 0..{num_envs - 1}, got {int(env_ids.min())}..{int(env_ids.max())}"
+            f"env_ids must lie in 0..{num_envs - 1}, got {int(ordered[0])}..{int(ordered[-1])}"
         )
-    if torch.unique(env_ids).numel() != count:
+    if bool((ordered[1:] == ordered[:-1]).any()):
         raise ValueError("env_ids names an environment more than once")
 
 
