@@ -146,7 +146,8 @@ def build_collect(
     """A function whose every call returns the next batch [num_envs, num_steps].
 
     On the CPU it collects with one PyTorch thread: the engine's threads have the cores, and
-    PyTorch's would wait for one another at each of its many small operations.
+    PyTorch's would wait for one another at each of its many small operations. There, too, the
+    next call overwrites the tensors of the batch, which saves a copy of it.
     """
     collector = Collector(
         env,
@@ -155,6 +156,7 @@ def build_collect(
         total_frames=-1,
         track_traj_ids=False,
         auto_register_policy_transforms=False,
+        return_same_td=env.device.type == "cpu",
     )
     batches = iter(collector)
 
@@ -164,7 +166,8 @@ def build_collect(
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            return next(batches)
+            # The entries are the collector's: what is added to the batch must not reach them.
+            return next(batches).copy()
         finally:
             torch.set_num_threads(threads)
 

@@ -6,7 +6,7 @@ It reports raw reward terms and no reward: how terms are weighted is decided aft
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -18,10 +18,11 @@ from tlr_exp.constraints import ACTIONS, OBSERVATIONS, START_PHASES, check_choic
 from tlr_exp.mdp import observations, specs
 from tlr_exp.mdp.errors import tracking_errors
 from tlr_exp.mdp.instability import UnstableStates
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.resets import perturb
 from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
 from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
-from tlr_exp.motion.reference import Reference, ReferenceFrame
+from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import Robot
@@ -117,24 +118,22 @@ class TrackingEnv(EnvBase):
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
-        reference = self.reference.frame(frame_index)
-        terminated = self._terminated(reference) | unstable
+        instant = Instant(self.state, self.reference.frame(frame_index))
+        terminated = self._terminated(instant) | unstable
         truncated = (frame_index >= self.reference.num_frames - 1) & ~terminated
         done = terminated | truncated
         self.distance.update(self.episode_step, done)
 
-        transition = Transition(
-            self.state, reference, action, self.previous_action, terminated, self.limits
-        )
+        transition = Transition(instant, action, self.previous_action, terminated, self.limits)
         terms = torch.stack([term(transition) for term in self.terms], dim=-1)
-        self._observe(reference, action)
+        self._observe(instant, action, frame_index)
         self.previous_action = action
         return TensorDict(
             {
                 keys.OBSERVATION: self.observed,
                 keys.PRIVILEGED: self.privileged,
                 keys.REWARD_TERMS: terms,
-                **tracking_errors(self.state, reference),
+                **tracking_errors(instant),
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
                 keys.TRUNCATED: truncated[:, None],
@@ -192,26 +191,27 @@ class TrackingEnv(EnvBase):
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
 
-    def _terminated(self, reference: ReferenceFrame) -> Tensor:
+    def _terminated(self, instant: Instant) -> Tensor:
         if not self.failures:
             return torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
-        return fell(self.state, self.settings.termination.max_tilt) | far_from_reference(
-            self.state, reference, self.distance.value_m
+        return fell(instant, self.settings.termination.max_tilt) | far_from_reference(
+            instant, self.distance.value_m
         )
 
-    def _phase(self) -> Tensor:
-        """Phase of the motion within [0, 1], [num_envs, 1] (Eq. 4 of the paper)."""
-        return (self._frame_index() / (self.reference.num_frames - 1))[:, None]
+    def _phase(self, frame_index: Tensor) -> Tensor:
+        """Phase of the motion within [0, 1], [n, 1] (Eq. 4 of the paper)."""
+        return (frame_index / (self.reference.num_frames - 1))[:, None]
 
-    def _observe(self, reference: ReferenceFrame, action: Tensor) -> None:
+    def _observe(self, instant: Instant, action: Tensor, frame_index: Tensor) -> None:
         if self.settings.observation == "history":
-            frame = observations.proprioception(self.state, action, self.default_joint_pos)
-            self.observed = observations.next_history(frame, self.observed, self._phase())
+            frame = observations.proprioception(instant, action, self.default_joint_pos)
+            phase = self._phase(frame_index)
+            self.observed = observations.next_history(frame, self.observed, phase)
         else:
             self.observed = observations.reference_observation(
-                self.state, reference, action, self.default_joint_pos
+                instant, action, self.default_joint_pos
             )
-        self.privileged = observations.privileged_observation(self.state, reference)
+        self.privileged = observations.privileged_observation(instant)
 
     # --- resetting ---------------------------------------------------------------------------
 
@@ -249,17 +249,16 @@ class TrackingEnv(EnvBase):
         return torch.randint(latest, (count,), generator=self.generator, device=self.device)
 
     def _observe_start(self, env_ids: Tensor) -> None:
-        state = cast(PhysicsState, self.state[env_ids])
-        reference = self.reference.frame(self._frame_index()[env_ids])
+        state = PhysicsState(*(values[env_ids] for values in self.state))
+        frame_index = self._frame_index()[env_ids]
+        instant = Instant(state, self.reference.frame(frame_index))
         action = self.previous_action[env_ids]
         if self.settings.observation == "history":
-            frame = observations.proprioception(state, action, self.default_joint_pos)
-            observed = observations.first_history(frame, self._phase()[env_ids])
+            frame = observations.proprioception(instant, action, self.default_joint_pos)
+            observed = observations.first_history(frame, self._phase(frame_index))
         else:
-            observed = observations.reference_observation(
-                state, reference, action, self.default_joint_pos
-            )
-        privileged = observations.privileged_observation(state, reference)
+            observed = observations.reference_observation(instant, action, self.default_joint_pos)
+        privileged = observations.privileged_observation(instant)
         self.observed = self.observed.index_copy(0, env_ids, observed)
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
 

@@ -3,17 +3,16 @@
 from torch import Tensor
 
 from tlr_exp import g1, keys
-from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.physics.state import PhysicsState
+from tlr_exp.mdp.instant import Instant
 
 
-def tracking_errors(state: PhysicsState, reference: ReferenceFrame) -> dict[str, Tensor]:
+def tracking_errors(instant: Instant) -> dict[str, Tensor]:
     """Mean distance of the upper and the lower bodies (m) and of the joints (rad), [num_envs, 1].
 
     The distance of a body is Euclidean, in the world frame (ASAP's evaluation metric).
     """
-    distance = (reference.body_pos_w - state.body_pos_w).norm(dim=-1)
-    joint_error = (reference.qpos[:, 7:] - state.qpos[:, 7:]).abs()
+    distance = instant.squared_distance.sqrt()
+    joint_error = (instant.reference.qpos[:, 7:] - instant.state.qpos[:, 7:]).abs()
     return {
         keys.UPPER_BODY_ERROR: distance[:, g1.UPPER_BODY].mean(-1, keepdim=True),
         keys.LOWER_BODY_ERROR: distance[:, g1.LOWER_BODY].mean(-1, keepdim=True),

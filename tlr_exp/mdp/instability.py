@@ -24,13 +24,18 @@ class UnstableStates:
         Returns:
             The states, and which of them diverged [num_envs] bool.
         """
-        # A comparison with NaN is false.
-        unstable = ~(state.qpos.isfinite().all(-1) & (state.qvel.abs() < MAX_SPEED).all(-1))
+        # The maximum of numbers with a NaN among them is NaN, and no comparison with NaN is true.
+        farthest, fastest = state.qpos.abs().amax(-1), state.qvel.abs().amax(-1)
+        unstable = ~((farthest < torch.inf) & (fastest < MAX_SPEED))
         if not unstable.any():
             return state, unstable
         # Selecting by a mask copies.
         self._rows.append((before.qpos[unstable], before.qvel[unstable], action[unstable]))
-        return before.where(unstable, state), unstable
+        replaced = (
+            torch.where(unstable.reshape(-1, *[1] * (new.ndim - 1)), old, new)
+            for old, new in zip(before, state, strict=True)
+        )
+        return PhysicsState(*replaced), unstable
 
     def take(self) -> dict[str, Tensor]:
         """What was remembered since the last call: qpos, qvel and action [n, ...]."""

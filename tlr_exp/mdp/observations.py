@@ -1,4 +1,4 @@
-"""What the actor and the critic see: pure functions of a physics state and a reference frame.
+"""What the actor and the critic see: pure functions of one instant.
 
 Joint positions are taken relative to the default pose; scales are those of ASAP.
 """
@@ -6,14 +6,8 @@ Joint positions are taken relative to the default pose; scales are those of ASAP
 from torch import Tensor, cat
 
 from tlr_exp import g1
-from tlr_exp.mdp.rotations import (
-    into_frame,
-    projected_gravity,
-    rotate_inverse,
-    rotation_matrix,
-)
-from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.physics.state import PhysicsState
+from tlr_exp.mdp.instant import Instant
+from tlr_exp.mdp.rotations import into_frame
 
 LIN_VEL_SCALE = 2.0
 ANG_VEL_SCALE = 0.25
@@ -29,14 +23,15 @@ OBSERVATION_DIMS = {
 PRIVILEGED_DIM = 3 + 2 * _BODY_DIM
 
 
-def proprioception(state: PhysicsState, action: Tensor, default_joint_pos: Tensor) -> Tensor:
+def proprioception(instant: Instant, action: Tensor, default_joint_pos: Tensor) -> Tensor:
     """One frame of Eq. 4 of the paper: q, dq, root angular velocity, gravity, action; [n, 75]."""
+    state = instant.state
     return cat(
         (
             state.qpos[:, 7:] - default_joint_pos,
             state.qvel[:, 6:] * JOINT_VEL_SCALE,
             state.qvel[:, 3:6] * ANG_VEL_SCALE,
-            projected_gravity(state.qpos[:, 3:7]),
+            instant.gravity_b,
             action,
         ),
         dim=-1,
@@ -53,47 +48,39 @@ def next_history(frame: Tensor, previous: Tensor, phase: Tensor) -> Tensor:
     return cat((frame, previous[:, : (HISTORY_LENGTH - 1) * FRAME_DIM], phase), dim=-1)
 
 
-def reference_observation(
-    state: PhysicsState, reference: ReferenceFrame, action: Tensor, default_joint_pos: Tensor
-) -> Tensor:
+def reference_observation(instant: Instant, action: Tensor, default_joint_pos: Tensor) -> Tensor:
     """The observation of section 4.1 of the paper, [n, 244].
 
     Base pose (world), base velocities (base frame), joint positions and velocities, last action,
     and the positions and velocities of the reference bodies, seen from the robot's pelvis.
     """
-    to_base = rotation_matrix(state.qpos[:, 3:7])
+    state = instant.state
     return cat(
         (
             state.qpos[:, :7],
-            rotate_inverse(state.qpos[:, 3:7], state.qvel[:, :3]) * LIN_VEL_SCALE,
+            instant.base_lin_vel_b * LIN_VEL_SCALE,
             state.qvel[:, 3:6] * ANG_VEL_SCALE,
             state.qpos[:, 7:] - default_joint_pos,
             state.qvel[:, 6:] * JOINT_VEL_SCALE,
             action,
-            _seen_from_pelvis(reference.body_pos_w, state, to_base),
-            into_frame(reference.body_lin_vel_w, to_base).flatten(1),
+            instant.reference_pos_b.flatten(1),
+            into_frame(instant.reference.body_lin_vel_w, instant.base_rotation).flatten(1),
         ),
         dim=-1,
     )
 
 
-def privileged_observation(state: PhysicsState, reference: ReferenceFrame) -> Tensor:
+def privileged_observation(instant: Instant) -> Tensor:
     """What only the critic sees, [n, 165].
 
     Base linear velocity, positions of the reference bodies and the bodies' position errors, all
     in the base frame.
     """
-    to_base = rotation_matrix(state.qpos[:, 3:7])
     return cat(
         (
-            rotate_inverse(state.qpos[:, 3:7], state.qvel[:, :3]) * LIN_VEL_SCALE,
-            _seen_from_pelvis(reference.body_pos_w, state, to_base),
-            into_frame(reference.body_pos_w - state.body_pos_w, to_base).flatten(1),
+            instant.base_lin_vel_b * LIN_VEL_SCALE,
+            instant.reference_pos_b.flatten(1),
+            into_frame(instant.body_pos_error_w, instant.base_rotation).flatten(1),
         ),
         dim=-1,
     )
-
-
-def _seen_from_pelvis(points_w: Tensor, state: PhysicsState, to_base: Tensor) -> Tensor:
-    """World points [n, k, 3] relative to the pelvis and in its frame, [n, 3 k]."""
-    return into_frame(points_w - state.qpos[:, None, :3], to_base).flatten(1)

@@ -53,11 +53,13 @@ def projected_gravity(quat_wxyz: Tensor) -> Tensor:
 
 def rotation_matrix(quat_wxyz: Tensor) -> Tensor:
     """Rotation matrix [..., 3, 3] of a unit quaternion [..., 4]; its columns are the axes."""
-    w, x, y, z = quat_wxyz.unbind(-1)
+    # Twice the products of all pairs, in one operation.
+    products = (2.0 * quat_wxyz).unsqueeze(-1) * quat_wxyz.unsqueeze(-2)
+    _, wx, wy, wz, _, xx, xy, xz, _, _, yy, yz, _, _, _, zz = products.flatten(-2).unbind(-1)
     rows = (
-        *(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-        *(2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-        *(2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        *(1.0 - (yy + zz), xy - wz, xz + wy),
+        *(xy + wz, 1.0 - (xx + zz), yz - wx),
+        *(xz - wy, yz + wx, 1.0 - (xx + yy)),
     )
     return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 

@@ -3,24 +3,18 @@
 import torch
 from torch import Tensor
 
-from tlr_exp.mdp.rotations import projected_gravity
-from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.physics.state import PhysicsState
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.settings import TerminationSettings
 
 
-def fell(state: PhysicsState, max_tilt: float) -> Tensor:
+def fell(instant: Instant, max_tilt: float) -> Tensor:
     """True where the pelvis tilts beyond ``max_tilt``, [num_envs]."""
-    gravity_b = projected_gravity(state.qpos[:, 3:7])
-    return gravity_b[:, :2].abs().amax(dim=-1) > max_tilt
+    return instant.gravity_b[:, :2].abs().amax(dim=-1) > max_tilt
 
 
-def far_from_reference(
-    state: PhysicsState, reference: ReferenceFrame, max_distance_m: float | Tensor
-) -> Tensor:
+def far_from_reference(instant: Instant, max_distance_m: float | Tensor) -> Tensor:
     """True where any tracked body is farther than ``max_distance_m`` from its reference."""
-    squared = (reference.body_pos_w - state.body_pos_w).square().sum(dim=-1).amax(dim=-1)
-    return squared > max_distance_m**2
+    return instant.squared_distance.amax(dim=-1) > max_distance_m**2
 
 
 class TighteningDistance:

@@ -38,7 +38,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missin
 
 _ITERATION_LIMITS = 1 << 9 | 1 << 10  # MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS
 IMPLEMENTATIONS = ("jax", "warp")
-STATE_FIELDS = tuple(PhysicsState.__annotations__)
+STATE_FIELDS = PhysicsState._fields
 
 Arrays = dict[str, jax.Array]
 
@@ -128,7 +128,7 @@ class MjxPhysics:
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""
         tensors = (torch.from_dlpack(self._arrays[name]).float() for name in STATE_FIELDS)
-        return PhysicsState(*tensors, batch_size=[self.num_envs])
+        return PhysicsState(*tensors)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The state, the solver's warm start and the outputs of the last physics step."""

@@ -4,7 +4,6 @@ import copy
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,6 +22,7 @@ from tlr_exp.physics.state import (
 )
 from tlr_exp.robot import Robot
 
+_FORCES = ("joint_torque", "foot_contact_force")  # outputs of a step, no part of MuJoCo's state
 _INSTABILITY = ("Nan, Inf or huge value", "Inertia matrix is too close to singular")
 
 
@@ -69,9 +69,13 @@ class NativePhysics:
         foot_address = model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0]
         self._sensed_force = self._batch.bind("sensordata")[:, foot_address : foot_address + 6]
         self._bodies = _BodyReader(self._batch, robot)
-        self._joint_torque = np.zeros((num_envs, model.nu), np.float32)
-        self._foot_force = np.zeros((num_envs, len(FOOT_BODIES), 3), np.float32)
         self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
+        # The current instant, by the fields of PhysicsState. Handed out without a copy, so that
+        # whatever changes it replaces the arrays and writes into none.
+        self._now = self._read_motion() | {
+            "joint_torque": np.zeros((num_envs, model.nu), np.float32),
+            "foot_contact_force": np.zeros((num_envs, len(FOOT_BODIES), 3), np.float32),
+        }
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step; see ``Physics.step``."""
@@ -86,8 +90,11 @@ class NativePhysics:
             self._qpos[error.ids] = np.nan
             self._qvel[error.ids] = np.nan
             warnings.warn(str(error), RuntimeWarning, stacklevel=2)
-        self._joint_torque = self._actuator_force.astype(np.float32)
-        self._foot_force = self._sensed_force.astype(np.float32).reshape(-1, len(FOOT_BODIES), 3)
+        foot_force = self._sensed_force.astype(np.float32).reshape(-1, len(FOOT_BODIES), 3)
+        self._now = self._read_motion() | {
+            "joint_torque": self._actuator_force.astype(np.float32),
+            "foot_contact_force": foot_force,
+        }
         return self.state()
 
     def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
@@ -102,30 +109,30 @@ class NativePhysics:
         self._qvel[ids] = qvel.cpu().numpy()[order]
         with _engine_warnings():
             self._batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
-        # Copies: a state that was returned earlier shares memory with the old arrays.
-        self._joint_torque, self._foot_force = self._joint_torque.copy(), self._foot_force.copy()
-        self._joint_torque[ids] = 0
-        self._foot_force[ids] = 0
+        # Of the others nothing has changed, and reading everyone takes several times as long.
+        fresh = self._read_motion(ids)
+        self._now = {name: array.copy() for name, array in self._now.items()}
+        for name, array in self._now.items():
+            array[ids] = fresh.get(name, 0.0)  # torque and contact force: no step was taken
 
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""
-        arrays = {
-            "qpos": self._qpos.astype(np.float32),
-            "qvel": self._qvel.astype(np.float32),
-            **self._bodies.read(),
-            "joint_torque": self._joint_torque,
-            "foot_contact_force": self._foot_force,
+        return PhysicsState(**{k: torch.from_numpy(v).to(self.device) for k, v in self._now.items()})
+
+    def _read_motion(self, ids: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """All of ``PhysicsState`` but the forces, fresh arrays; of everyone, or of ``ids`` [n]."""
+        rows = slice(None) if ids is None else ids
+        return {
+            "qpos": self._qpos[rows].astype(np.float32),
+            "qvel": self._qvel[rows].astype(np.float32),
+            **self._bodies.read(ids),
         }
-        tensors: dict[str, Any] = {k: torch.from_numpy(v) for k, v in arrays.items()}
-        state = PhysicsState(**tensors, batch_size=[self.num_envs])
-        return state if self.device.type == "cpu" else state.to(self.device)
 
     def state_dict(self) -> dict[str, Tensor]:
         """MuJoCo's integration state (float64) and the outputs of the last physics step."""
         return {
             "integration_state": torch.from_numpy(self._batch.state.copy()),
-            "joint_torque": torch.from_numpy(self._joint_torque.copy()),
-            "foot_contact_force": torch.from_numpy(self._foot_force.copy()),
+            **{name: torch.from_numpy(self._now[name].copy()) for name in _FORCES},
         }
 
     def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:
@@ -134,8 +141,8 @@ class NativePhysics:
         self._batch.state[...] = state_dict["integration_state"].cpu().numpy()
         with _engine_warnings():
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
-        self._joint_torque = state_dict["joint_torque"].cpu().clone().numpy()
-        self._foot_force = state_dict["foot_contact_force"].cpu().clone().numpy()
+        forces = {name: state_dict[name].cpu().clone().numpy() for name in _FORCES}
+        self._now = self._read_motion() | forces
 
 
 class _BodyReader:
@@ -153,19 +160,20 @@ class _BodyReader:
         self._ids = robot.body_ids
         self._root_id = robot.body_ids[PELVIS]
 
-    def read(self) -> dict[str, np.ndarray]:
-        """``PhysicsState``'s body fields, fresh float32 arrays."""
-        count, bodies = len(self._xpos), len(self._ids)
+    def read(self, env_ids: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """``PhysicsState``'s body fields, fresh float32 arrays; of everyone, or of ``env_ids``."""
+        count, bodies = len(self._xpos if env_ids is None else env_ids), len(self._ids)
         widths = {"body_pos_w": 3, "body_quat_w": 4, "body_lin_vel_w": 3, "body_ang_vel_w": 3}
         out = {k: np.empty((count, bodies, width), np.float32) for k, width in widths.items()}
         for start in range(0, count, self.BLOCK):
-            rows = slice(start, start + self.BLOCK)
+            block = slice(start, start + self.BLOCK)
+            rows = block if env_ids is None else env_ids[block]
             position = self._xpos[rows].take(self._ids, axis=1)
-            out["body_pos_w"][rows] = position
-            out["body_quat_w"][rows] = self._xquat[rows].take(self._ids, axis=1)
+            out["body_pos_w"][block] = position
+            out["body_quat_w"][block] = self._xquat[rows].take(self._ids, axis=1)
             twist = self._cvel[rows].take(self._ids, axis=1)
             linear, angular = body_twist(twist, position, self._com[rows, self._root_id])
-            out["body_lin_vel_w"][rows], out["body_ang_vel_w"][rows] = linear, angular
+            out["body_lin_vel_w"][block], out["body_ang_vel_w"][block] = linear, angular
         return out
 
 

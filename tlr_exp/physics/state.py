@@ -1,10 +1,10 @@
 """What physics hands to the environment, and the small pieces that all engines share."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from tensordict import TensorClass
 from torch import Tensor
 
 from tlr_exp.g1 import NUM_JOINTS
@@ -13,10 +13,10 @@ NUM_QPOS = 7 + NUM_JOINTS
 NUM_QVEL = 6 + NUM_JOINTS
 
 
-class PhysicsState(TensorClass):
+class PhysicsState(NamedTuple):
     """The robots at one instant: positions, velocities and body poses belong to the same time.
 
-    Batch ``[num_envs]``, float32, world frame, SI units. Bodies are in the order of
+    Batches over environments, float32, world frame, SI units. Bodies are in the order of
     ``tlr_exp.g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow
     MuJoCo: ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is
     the pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the
@@ -117,11 +117,12 @@ def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> N
             raise ValueError(f"{name} holds values that are not finite; a reset needs finite ones")
     if count == 0:
         return
-    if int(env_ids.min()) < 0 or int(env_ids.max()) >= num_envs:
+    ordered = env_ids.sort().values
+    if int(ordered[0]) < 0 or int(ordered[-1]) >= num_envs:
         raise ValueError(
-            f"env_ids must lie in 0..{num_envs - 1}, got {int(env_ids.min())}..{int(env_ids.max())}"
+            f"env_ids must lie in 0..{num_envs - 1}, got {int(ordered[0])}..{int(ordered[-1])}"
         )
-    if torch.unique(env_ids).numel() != count:
+    if bool((ordered[1:] == ordered[:-1]).any()):
         raise ValueError("env_ids names an environment more than once")
 
 
