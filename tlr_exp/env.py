@@ -22,7 +22,7 @@ from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.resets import perturb
 from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
 from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
-from tlr_exp.motion.reference import Reference
+from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import Robot
