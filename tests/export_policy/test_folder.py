@@ -138,6 +138,7 @@ def test_the_manifest_says_where_the_policy_comes_from(trained_run, policy):
     assert ours["status"] == "finished"
     for name in ("name", "seed", "git", "tlr_exp", "packages", "python", "files", "created_at"):
         assert ours[name] == of_run[name]
+    assert ours["machine"].keys() == {"cpu_count", "cpu_model", "device"}
     assert ours["tags"] == {"method": "gwo", "motion": "short.npz"}
     origin = ours["policy"]
     assert (origin["run_id"], origin["identity"]) == (of_run["run_id"], "0123abcd")

@@ -33,6 +33,7 @@ POLICY = "policy"  # the manifest's entry on the run, iteration and evaluation o
 
 # What stays as the run has it. Not its process, nor its identity by which a resume would find it.
 _KEPT = ("name", "created_at", "seed", "tags", "git", "tlr_exp", "packages", "python")
+_OF_MACHINE = ("cpu_count", "cpu_model", "device")  # neither its name nor its system
 _KEPT_WHERE_THERE = ("device_name", "files")
 # A policy is trained nowhere and mirrored nowhere: these say nothing of the machine that trained.
 _NO_PLACE = {"runs_dir": "runs", "tracking_uri": "none"}
@@ -110,7 +111,7 @@ def policy_manifest(run: RunDirectory, iteration: int) -> dict[str, Any]:
     manifest = run.manifest
     kept = {name: manifest.get(name) for name in _KEPT}
     kept |= {name: manifest[name] for name in _KEPT_WHERE_THERE if name in manifest}
-    machine = {k: v for k, v in manifest.get("machine", {}).items() if k != "host"}
+    machine = {k: v for k, v in manifest.get("machine", {}).items() if k in _OF_MACHINE}
     command = plain_command(manifest.get("command", ""))
     origin = manifest.get(POLICY) or {
         "run_id": manifest["run_id"],
