@@ -160,6 +160,22 @@ def test_it_names_no_place_user_or_host(trained_run, policy):
         assert not os.path.isabs(str(value))
 
 
+def test_the_configuration_keeps_what_is_learned_and_names_no_place():
+    config = {
+        "env": {"motion": "/home/ann/walk.yaml", "reference_lead": 1},
+        "runs_dir": "/home/ann/runs",
+        "tracking_uri": "sqlite:////home/ann/mlflow.db",
+        "init_from": "/home/ann/runs/x/checkpoints/000007.pt",
+    }
+    assert policy_folder.policy_config(config) == {
+        "env": {"motion": "walk.yaml", "reference_lead": 1},
+        "runs_dir": "runs",
+        "tracking_uri": "none",
+        "init_from": None,
+    }
+    assert policy_folder.policy_config({"seed": 1}) == {"seed": 1}
+
+
 def leaves(value):
     if isinstance(value, dict):
         for item in value.values():

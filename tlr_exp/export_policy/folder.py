@@ -35,8 +35,8 @@ POLICY = "policy"  # the manifest's entry on the run, iteration and evaluation o
 _KEPT = ("name", "created_at", "seed", "tags", "git", "tlr_exp", "packages", "python")
 _OF_MACHINE = ("cpu_count", "cpu_model", "device")  # neither its name nor its system
 _KEPT_WHERE_THERE = ("device_name", "files")
-# A policy is trained nowhere and mirrored nowhere: these say nothing of the machine that trained.
-_NO_PLACE = {"runs_dir": "runs", "tracking_uri": "none"}
+# Keys that say where things lay on the machine that trained, which no evaluation asks for.
+_NOWHERE = {"runs_dir": "runs", "tracking_uri": "none", "init_from": None}
 
 
 def check_output(output: Path, force: bool) -> None:
@@ -82,7 +82,7 @@ def write_folder(choice: Choice, output: Path, force: bool) -> None:
         )
     run = RunDirectory.open(choice.run)
     manifest = policy_manifest(run, choice.iteration)
-    config = plain_values({**run.config, **_NO_PLACE})
+    config = policy_config(run.config)
     score = read_scores(choice.checkpoint.parent).get(choice.iteration)
     actor = load_policy(choice).state_dict()
     clip = small_clip(build_clip(choice.settings.env, build_robot_of(choice.settings.env)))
@@ -100,6 +100,11 @@ def write_folder(choice: Choice, output: Path, force: bool) -> None:
         atomic_write(folder / MANIFEST, f"{record}\n".encode())
 
     _put_in_place(output.resolve(), fill, force)
+
+
+def policy_config(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The plain configuration of a run without the places that it names."""
+    return plain_values({key: _NOWHERE.get(key, value) for key, value in config.items()})
 
 
 def policy_manifest(run: RunDirectory, iteration: int) -> dict[str, Any]:
