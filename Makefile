@@ -6,6 +6,8 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 SCALE ?= demo
 RESULTS ?= results/laptop
+POLICY ?= results/policies/gym_motion-gwo
+SHOW ?= --web
 STUDY := runs/paper-$(SCALE)
 # The paper's size needs a GPU; the smaller ones run as many jobs at a time as there are cores.
 SCALE_ARGS := $(if $(filter paper,$(SCALE)),device=cuda physics=mjx,hydra/launcher=local)
@@ -23,6 +25,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 install: $(INSTALLED) ## Make .venv with everything in it (the other targets do it by themselves)
+
+play: $(INSTALLED) ## Watch a trained policy in the browser; SHOW=--video films it, SHOW=--view opens a window; POLICY=FOLDER
+	$(BIN)/tlr-evaluate $(POLICY) $(SHOW) $(ARGS)
 
 train: $(INSTALLED) ## Train the two-layered reward at demo scale; ARGS='optimizer=fixed seed=1' changes it
 	$(BIN)/tlr-train $(ARGS)
@@ -60,4 +65,4 @@ bench-optimizers: $(INSTALLED) ## Compare the weight optimizers: table and pictu
 clean: ## Remove the environment and caches (never runs/)
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
 
-.PHONY: help install train reproduce-paper report dashboard check test bench bench-optimizers clean
+.PHONY: help install play train reproduce-paper report dashboard check test bench bench-optimizers clean

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.publishable import plain_command
 from analysis.sources import (
     add_selection,
     add_sources,
@@ -19,6 +18,7 @@ from analysis.sources import (
 )
 from analysis.study import Study, StudyError
 from analysis.tables import CURVES, FILES, RUNS, is_occupied, write_tables
+from tlr_exp.places import plain_command
 
 _EPILOG = """\
 Refused, and named, are runs that are unfinished, seeds that one arm has and another lacks, two runs

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from analysis.check import checked, rechecked
-from analysis.publishable import plain_text, publishable
+from analysis.publishable import publishable
 from analysis.run_directories import arms_of_sweep, from_run_directories
 from analysis.runs import records_of
 from analysis.settings import OPTIMIZER
 from analysis.study import Study, StudyError
 from analysis.tables import from_tables, is_exported
+from tlr_exp.places import plain_text
 
 URI_VARIABLE, STORE = "MLFLOW_TRACKING_URI", Path("runs/mlflow.db")
 

@@ -2,11 +2,13 @@
 
     python benchmarks/environment_speed.py --device cuda --output results.json
 
-One process measures one combination, so that no engine keeps memory from the next.
+One process measures one combination, so that no engine keeps memory from the next. The file is
+written anew after each of them; a second call goes on with those that it lacks.
 """
 
 import argparse
 import json
+import os
 import platform
 import subprocess
 import sys
@@ -14,46 +16,112 @@ import time
 from importlib import metadata
 from pathlib import Path
 
-COMBINATIONS = [
-    (physics, num_envs)
-    for physics in (["mjx", "physics.impl=jax"], ["mjx", "physics.impl=warp"], ["native"])
-    for num_envs in (1024, 4096, 8192)
-]
+ENGINES = ("mjx physics.impl=jax", "native", "mjx physics.impl=warp")
+NUM_ENVS = (1024, 4096, 8192)
 PACKAGES = ("torch", "jax", "mujoco", "mujoco-mjx", "warp-lang", "tlr_exp")
 NUM_STEPS = 24
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--device", default="cpu", help="cpu or cuda")
-    parser.add_argument("--output", type=Path, help="write the measurements to this JSON file")
-    parser.add_argument("--one", nargs=2, metavar=("OVERRIDES", "NUM_ENVS"), help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.one:
-        print(
-            json.dumps(measure(arguments.one[0].split(), int(arguments.one[1]), arguments.device))
-        )
-        return
-    rows = [measure_apart(*combination, arguments.device) for combination in COMBINATIONS]
+def main(words: list[str] | None = None) -> int:
+    """The command line; returns the exit status: 0, or 2 for a record that is of something else."""
+    options = _parser().parse_args(words)
+    if options.one:
+        print(json.dumps(measure(options.one[0].split(), int(options.one[1]), options.device)))
+        return 0
     record = {
-        "device": device_name(arguments.device),
+        "device": device_name(options.device),
         "machine": platform.platform(),
         "versions": versions(),
-        "command": " ".join(["python", *sys.argv]),
         "num_steps": NUM_STEPS,
-        "rows": rows,
     }
-    if arguments.output:
-        arguments.output.write_text(json.dumps(record, indent=2) + "\n")
+    try:
+        rows = [] if options.again else measured_before(options.output, record)
+    except ValueError as error:
+        print(f"environment_speed.py: {error}", file=sys.stderr)
+        return 2
+    # All engines at one size first: a time that is too short ends with a comparison.
+    wanted = [(f"physics={e}", n) for n in options.num_envs for e in options.physics or ENGINES]
+    record["command"] = " ".join(["python", *sys.argv])
+    measure_all(wanted, rows, record, options)
+    return 0
 
 
-def measure_apart(physics: list[str], num_envs: int, device: str) -> dict:
-    """Measure one combination in a process of its own; a failure becomes a row, not an end."""
-    command = [sys.executable, __file__, "--device", device, "--one"]
-    overrides = " ".join([f"physics={physics[0]}", *physics[1:]])
-    done = subprocess.run(
-        [*command, overrides, str(num_envs)], capture_output=True, text=True, check=False
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
+    parser.add_argument("--output", type=Path, help="the JSON file to write, or to go on with")
+    parser.add_argument("--num-envs", type=int, nargs="+", default=NUM_ENVS, metavar="N")
+    parser.add_argument(
+        "--physics",
+        action="append",
+        metavar="OVERRIDES",
+        help=f"an engine, several times for several (default: {'; '.join(ENGINES)})",
     )
+    parser.add_argument("--seconds", type=float, help="stop in time; a row that is begun is lost")
+    parser.add_argument("--again", action="store_true", help="measure anew what the file holds")
+    parser.add_argument("--one", nargs=2, metavar=("OVERRIDES", "NUM_ENVS"), help=argparse.SUPPRESS)
+    return parser
+
+
+def measured_before(path: Path | None, record: dict) -> list[dict]:
+    """The rows that the file at ``path`` holds of the device and versions of ``record``.
+
+    Those that failed are left out: they are tried again.
+
+    Raises:
+        ValueError: the file is damaged, or of another device or other versions.
+    """
+    if path is None or not path.exists():
+        return []
+    try:
+        before = json.loads(path.read_text())
+        rows = [row for row in before["rows"] if "error" not in row]
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{path} is no record of speeds ({error}); --again replaces it") from error
+    for name in ("device", "versions", "num_steps"):
+        if before.get(name) != record[name]:
+            raise ValueError(
+                f"{path} was measured with {name} {before.get(name)}, and here it is "
+                f"{record[name]}; --again replaces it, another --output keeps both"
+            )
+    return rows
+
+
+def measure_all(
+    wanted: list[tuple[str, int]], rows: list[dict], record: dict, options: argparse.Namespace
+) -> None:
+    """Add what ``rows`` lacks, one by one, and write the file after each; stop in time."""
+    end = None if options.seconds is None else time.monotonic() + options.seconds
+    done = {(row["physics"], row["num_envs"]) for row in rows}
+    for overrides, num_envs in wanted:
+        if (overrides, num_envs) in done:
+            print(f"{overrides:40} {num_envs:6} is measured already", flush=True)
+            continue
+        try:
+            left = None if end is None else max(end - time.monotonic(), 0.0)
+            rows.append(measure_apart(overrides, num_envs, options.device, left))
+        except subprocess.TimeoutExpired:
+            print(f"{overrides:40} {num_envs:6} out of time; another call goes on here", flush=True)
+            return
+        if options.output:
+            write(options.output, {**record, "rows": rows})
+
+
+def write(path: Path, record: dict) -> None:
+    """Replace the file at once: a reader, or a kill, finds the old one or the new one."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(json.dumps(record, indent=2) + "\n")
+    os.replace(temporary, path)
+
+
+def measure_apart(overrides: str, num_envs: int, device: str, seconds: float | None) -> dict:
+    """Measure one combination in a process of its own; a failure becomes a row, not an end.
+
+    Raises:
+        subprocess.TimeoutExpired: it took longer than ``seconds``, if given; the process is ended.
+    """
+    command = [sys.executable, __file__, "--device", device, "--one", overrides, str(num_envs)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=seconds)
     row = {"physics": overrides, "num_envs": num_envs}
     if done.returncode == 0:
         row |= json.loads(done.stdout.splitlines()[-1])
@@ -111,4 +179,4 @@ def versions() -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

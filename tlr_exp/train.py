@@ -23,6 +23,7 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.cores import OPENMP_DEFAULTS
+from tlr_exp.next_scale import next_step
 from tlr_exp.records.run_directory import FINISHED, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.running import (
@@ -63,6 +64,9 @@ def _train(config: DictConfig) -> None:
         if outcome.status != FINISHED:
             print("go on            repeat the command with resume=auto")
             sys.exit(EXIT_INTERRUPTED)
+        advice = next_step(settings, run.metrics(), HydraConfig.get().overrides.task)
+        if advice is not None:
+            print(f"next             {advice}")
 
 
 @contextmanager
