@@ -195,11 +195,16 @@ def test_rate_is_constant_without_a_target(make_ppo):
     assert rate_after(make_ppo, 0.5, "ppo.target_kl=null") == 1e-3
 
 
-@pytest.mark.parametrize(("progress", "rate"), [(0.0, 1e-3), (0.25, 7.75e-4), (1.0, 1e-4)])
-def test_rate_falls_linearly_over_the_training(make_ppo, progress, rate):
-    ppo = make_ppo(
-        *ONE_PASS, "ppo.target_kl=null", "ppo.learning_rate=1e-3", "ppo.final_learning_rate=1e-4"
-    )
+@pytest.mark.parametrize(
+    ("decay_from", "progress", "rate"),
+    [
+        *((0.0, 0.0, 1e-3), (0.0, 0.25, 7.75e-4), (0.0, 1.0, 1e-4)),
+        *((0.8, 0.0, 1e-3), (0.8, 0.8, 1e-3), (0.8, 0.9, 5.5e-4), (0.8, 1.0, 1e-4)),
+    ],
+)
+def test_rate_falls_linearly_to_the_end(make_ppo, decay_from, progress, rate):
+    rates = ("ppo.learning_rate=1e-3", "ppo.final_learning_rate=1e-4")
+    ppo = make_ppo(*ONE_PASS, "ppo.target_kl=null", *rates, f"ppo.decay_from={decay_from}")
     assert ppo.update(ready(ppo), progress).learning_rate == pytest.approx(rate)
 
 

@@ -44,6 +44,7 @@ ADDED_KEYS: dict[str, Any] = {
     "precision": "float32",
     "recipe": "paper",
     "ppo.final_learning_rate": None,
+    "ppo.decay_from": 0.0,
 }
 # The others of these have no part in a run's identity while they have the value above, so that runs
 # keep the identity that they were made with. This one has counted from its first day.

@@ -115,6 +115,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "ppo.max_grad_norm": above(0),
     "ppo.learning_rate": above(0),
     "ppo.final_learning_rate": above(0),
+    "ppo.decay_from": Constraint("from 0 to below 1", lambda value: 0 <= value < 1),
     "ppo.min_learning_rate": above(0),
     "ppo.max_learning_rate": above(0),
     "ppo.target_kl": above(0),

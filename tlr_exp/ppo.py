@@ -132,8 +132,7 @@ class Ppo:
             NonFiniteLossError: the loss or its gradient is not finite.
         """
         if self.settings.final_learning_rate is not None:
-            first, last = self.settings.learning_rate, self.settings.final_learning_rate
-            self._set_learning_rate(first + (last - first) * progress)
+            self._set_learning_rate(decayed_rate(self.settings, progress))
         samples = batch.select(*self._needed_keys()).reshape(-1)
         sums = torch.zeros(6, device=samples.device)
         for epoch in range(self.settings.num_epochs):
@@ -245,3 +244,15 @@ def _kl_divergence(collected: TensorDictBase, loc: Tensor, scale: Tensor) -> Ten
     old = torch.distributions.Normal(collected["loc"], collected["scale"])
     present = torch.distributions.Normal(loc, scale)
     return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()
+
+
+def decayed_rate(settings: PpoSettings, progress: float) -> float:
+    """``learning_rate`` up to ``decay_from``, then a straight line to ``final_learning_rate``.
+
+    ``progress`` is the share of the training that is done, from 0 to 1.
+    """
+    first, last = settings.learning_rate, settings.final_learning_rate
+    if last is None:
+        return first
+    share = max(0.0, (progress - settings.decay_from) / (1.0 - settings.decay_from))
+    return first + (last - first) * share

@@ -102,6 +102,7 @@ class PpoSettings:
     max_grad_norm: float
     learning_rate: float
     final_learning_rate: float | None
+    decay_from: float
     min_learning_rate: float
     max_learning_rate: float
     target_kl: float | None

@@ -117,7 +117,9 @@ class NativePhysics:
 
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""
-        return PhysicsState(**{k: torch.from_numpy(v).to(self.device) for k, v in self._now.items()})
+        return PhysicsState(
+            **{k: torch.from_numpy(v).to(self.device) for k, v in self._now.items()}
+        )
 
     def _read_motion(self, ids: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """All of ``PhysicsState`` but the forces, fresh arrays; of everyone, or of ``ids`` [n]."""
