@@ -6,8 +6,11 @@ import pytest
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
+from tlr_exp import config as config_module
 from tlr_exp import input_files
 from tlr_exp.config import (
+    ADDED_KEYS,
+    ALWAYS_IDENTITY,
     NOT_IDENTITY,
     ConfigError,
     _reward_problems,
@@ -194,6 +197,47 @@ def test_the_identity_ignores_where_a_run_is_kept_and_nothing_that_it_learns_fro
     assert identity() != identity("seed=1")
     assert identity() != identity("optimizer=fixed")
     assert identity() != identity("ppo.gamma=0.98")
+
+
+@pytest.mark.parametrize(
+    ("identity", "overrides"),
+    [  # computed by the last version before keys could be left out of an identity
+        ("aa5ac3ae", []),
+        ("b6fe38bb", ["optimizer=fixed", "seed=1"]),
+        ("cd2d6d13", ["reward.penalty_scale=0.5"]),
+        ("8d9bd5f7", ["scale=laptop", "physics=mjx"]),
+        ("6a0a6faa", ["reward=asap", "optimizer=cma_es"]),
+    ],
+)
+def test_runs_keep_the_identity_that_earlier_versions_gave_them(tmp_path, identity, overrides):
+    motion = tmp_path / "motion.npz"
+    motion.write_bytes(b"a motion")
+    config = plain_config(composed(f"env.motion={motion}", *overrides))
+    assert run_identity(config) == identity
+    for key in set(ADDED_KEYS) - set(ALWAYS_IDENTITY):  # as such a run's own file has it
+        *parents, name = key.split(".")
+        group = config
+        for parent in parents:
+            group = group[parent]
+        del group[name]
+    assert run_identity(config) == run_identity(of_any_version(config)) == identity
+
+
+def test_a_later_key_counts_once_it_has_another_value_than_earlier_runs_had(monkeypatch):
+    before = plain_config(composed())
+    monkeypatch.setitem(config_module.ADDED_KEYS, "ppo.later", 0.5)
+    monkeypatch.setitem(config_module.ADDED_KEYS, "later", None)
+
+    def identity(in_ppo, alone):
+        return run_identity({**before, "ppo": {**before["ppo"], "later": in_ppo}, "later": alone})
+
+    assert identity(0.5, None) == run_identity(before)
+    assert len({identity(0.5, None), identity(0.25, None), identity(0.5, "a")}) == 3
+    # Always told, because runs that have it count it.
+    penalty = {**before["reward"], "penalty_scale": 1.0}
+    without = {name: value for name, value in penalty.items() if name != "penalty_scale"}
+    assert run_identity({**before, "reward": penalty}) == run_identity(before)
+    assert run_identity({**before, "reward": without}) != run_identity(before)
 
 
 def test_the_two_arms_of_a_study_differ_in_the_optimizer_alone():

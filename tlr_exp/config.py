@@ -39,6 +39,9 @@ NOT_IDENTITY = (
 
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
 ADDED_KEYS: dict[str, Any] = {"reward.penalty_scale": 1.0}
+# The others of these have no part in a run's identity while they have the value above, so that runs
+# keep the identity that they were made with. This one has counted from its first day.
+ALWAYS_IDENTITY = ("reward.penalty_scale",)
 
 
 class ConfigError(ValueError):
@@ -65,7 +68,7 @@ def run_identity(config: Mapping[str, Any]) -> str:
     """8 hex digits of a plain configuration, in which files count by what they hold.
 
     Two runs of the same identity learn the same, wherever their files lie and whatever they are
-    called.
+    called. A key that came later and has the value that earlier runs had does not count.
 
     Raises:
         FileNotFoundError: a file that the configuration names is not there.
@@ -73,7 +76,20 @@ def run_identity(config: Mapping[str, Any]) -> str:
     hashes = file_hashes(config)
     robot = {**config["env"]["robot"], "mjcf": hashes.get("env.robot.mjcf")}
     env = {**config["env"], "motion": hashes["env.motion"], "robot": robot}
-    return config_hash({**config, "env": env}, NOT_IDENTITY)
+    as_before = [key for key, value in _later_keys().items() if _value_at(config, key) == value]
+    return config_hash({**config, "env": env}, (*NOT_IDENTITY, *as_before))
+
+
+def _later_keys() -> dict[str, Any]:
+    return {key: value for key, value in ADDED_KEYS.items() if key not in ALWAYS_IDENTITY}
+
+
+def _value_at(config: Mapping[str, Any], key: str) -> Any:
+    """What a plain configuration has at a dotted key; None where it has none."""
+    value: Any = config
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, Mapping) else None
+    return value
 
 
 def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:
