@@ -64,10 +64,11 @@ def check_inputs(settings: Settings) -> None:
     """Try what the configuration names, before a run directory is made.
 
     Raises:
-        ConfigError: see `check_world` and `check_lower_layer`.
+        ConfigError: see `check_world`, `check_lower_layer` and `check_beginning`.
     """
     check_world(settings)
     check_lower_layer(settings)
+    check_beginning(settings)
 
 
 def check_world(settings: Settings, device: bool = True) -> None:
@@ -109,6 +110,18 @@ def check_lower_layer(settings: Settings) -> None:
     objective = instantiate(settings.reward.objective)
     num_terms = len(settings.reward.optimizing)
     instantiate(settings.optimizer, num_terms=num_terms, objective=objective, seed=0, device="cpu")
+
+
+def check_beginning(settings: Settings) -> None:
+    """Look at the checkpoint that the policy begins as, where there is one.
+
+    Raises:
+        ConfigError: it is not there, or holds other networks than those of the configuration.
+    """
+    if settings.init_from is not None:
+        from tlr_exp.initial_policy import check_initial_policy
+
+        check_initial_policy(settings)
 
 
 def open_run(

@@ -23,6 +23,7 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.cores import OPENMP_DEFAULTS
+from tlr_exp.input_files import INITIAL
 from tlr_exp.records.run_directory import FINISHED, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.running import (
@@ -53,6 +54,7 @@ def _train(config: DictConfig) -> None:
         uri = tracking_uri(settings)
         check_inputs(settings)
         plain = with_absolute_paths(plain_config(config))
+        settings.init_from = plain[INITIAL]
         method = HydraConfig.get().runtime.choices["optimizer"]
         run = open_run(settings, plain, method, go_on=settings.resume == "auto")
         if run.status == FINISHED:

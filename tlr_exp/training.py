@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -24,6 +25,7 @@ from tlr_exp.assembly import (
 )
 from tlr_exp.cores import available_cores
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
+from tlr_exp.initial_policy import begin_with
 from tlr_exp.motion.script import KeyframeError
 from tlr_exp.objective import NonFiniteReturnsError
 from tlr_exp.ppo import NonFiniteLossError
@@ -68,7 +70,8 @@ class Training:
         run: the run directory, locked by the caller.
 
     Raises:
-        CheckpointError: there are checkpoints, and none can be read.
+        CheckpointError: there are checkpoints, and none can be read; or what a new run begins with
+            cannot be.
         ConfigError: a part refuses its settings, or the device is not there.
     """
 
@@ -88,6 +91,8 @@ class Training:
         saved = self.store.latest_valid("cpu")
         if saved is not None:
             self.env.restore_simulation(saved.state["simulation"])
+        elif settings.init_from is not None:
+            print(begin_with(ppo, Path(settings.init_from)), flush=True)
         self.trainer = build_trainer(settings, self.env, ppo)
         if saved is not None:
             self.trainer.load_state_dict(saved.state["trainer"])

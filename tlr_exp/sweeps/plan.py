@@ -24,8 +24,9 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.cores import available_cores
+from tlr_exp.input_files import INITIAL
 from tlr_exp.records.runs import config_hash
-from tlr_exp.running import check_lower_layer, check_world, tracking_uri
+from tlr_exp.running import check_beginning, check_lower_layer, check_world, tracking_uri
 from tlr_exp.settings import Settings
 from tlr_exp.sweeps.parallel import parallelism
 from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
@@ -135,7 +136,7 @@ def _compose_all(
 
 
 def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device: bool) -> Settings:
-    """Try each motion, model and lower layer once; the settings of the first job.
+    """Try each motion, model, lower layer and beginning once; the settings of the first job.
 
     All jobs share those named in SHARED.
     """
@@ -147,6 +148,8 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
         mistakes.add(num, _mistake(world, partial(check_world, settings, check_device), checked))
         layer = {key: plain[key] for key in ("optimizer", "reward")}
         mistakes.add(num, _mistake(layer, partial(check_lower_layer, settings), checked))
+        start = {key: plain[key] for key in (INITIAL, "env", "ppo")}
+        mistakes.add(num, _mistake(start, partial(check_beginning, settings), checked))
         for name in SHARED:
             if getattr(settings, name) != getattr(first, name):
                 mistakes.add(num, ConfigError(f"{name} must be the same in every job of a sweep"))
