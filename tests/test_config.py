@@ -85,7 +85,7 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("env.robot.mjcf=nowhere.xml", ["env.robot.mjcf", "no file nowhere.xml"]),
         ("env.termination.distance_end_m=2.0", ["distance_end_m exceeds"]),
         ("ppo.max_learning_rate=1e-4", ["ppo.learning_rate"]),
-        ("resume=maybe", ["resume is 'maybe'", "never, auto"]),
+        ("resume=maybe", ["resume is 'maybe'", "never, auto, or the directory of a run"]),
         ("device=tpu", ["device is 'tpu'", "cuda"]),
         ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
         ("+extra=1", ["there is no key extra. Allowed here: ", "seed"]),
@@ -177,6 +177,12 @@ def test_a_beginning_counts_by_what_the_checkpoint_holds(tmp_path):
     assert run_identity(config("a"), file_hashes(config("c"))) == run_identity(config("c"))
     with pytest.raises(ConfigError, match="init_from: there is no folder"):
         config("nowhere")
+
+
+def test_a_run_to_go_on_with_must_be_there(tmp_path):
+    assert load_settings(composed(f"resume={tmp_path}")).resume == str(tmp_path)
+    with pytest.raises(ConfigError, match="in_sweeps, never, auto, or the directory of a run"):
+        load_settings(composed(f"resume={tmp_path}/nowhere"))
 
 
 def test_several_mistakes_are_named_together():

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from tlr_exp.g1 import COLLISION_SETS, GAIN_SETS
@@ -47,6 +48,10 @@ _DEVICE = Constraint(
     "cpu, cuda, or cuda:N",
     lambda value: re.fullmatch(r"cpu|cuda(:\d+)?", value) is not None,
 )
+_RESUME = Constraint(
+    f"{', '.join(RESUME_MODES)}, or the directory of a run that is there",
+    lambda value: value in RESUME_MODES or Path(value).is_dir(),
+)
 _LAYERS = Constraint(
     "a list of layer widths of at least 1", lambda value: all(width >= 1 for width in value)
 )
@@ -55,7 +60,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "seed": at_least(0),
     "device": _DEVICE,
     "num_threads": at_least(0),
-    "resume": one_of(RESUME_MODES),
+    "resume": _RESUME,
     "env.robot.gains": one_of(GAIN_SETS),
     "env.robot.collisions": one_of(COLLISION_SETS),
     "env.observation": one_of(OBSERVATIONS),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tlr_exp.config import ConfigError, instantiate, run_identity
 from tlr_exp.g1 import CONTROL_DT_S
 from tlr_exp.input_files import file_hashes
+from tlr_exp.records.extending import complete_extension
 from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
@@ -159,6 +160,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
     """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
     run.set_status(RUNNING)
+    complete_extension(run)
     mirror = Mirror.start(run, uri, settings.study)
     try:
         # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.

@@ -31,6 +31,7 @@ from tlr_exp.objective import NonFiniteReturnsError
 from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.extending import former_totals
 from tlr_exp.records.kept_motion import kept_motion
 from tlr_exp.records.metrics_file import DamagedMetricsError
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
@@ -175,10 +176,15 @@ class Training:
 
 
 def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
-    """The checkpoints of a run: the newest, the best, and those of the paper's snapshots."""
-    iterations = settings.scale.iterations
-    snapshots = frozenset(max(1, round(share * iterations)) for share in SNAPSHOT_SHARES)
-    return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, snapshots)
+    """The checkpoints of a run: the newest, the best, and those of the paper's snapshots.
+
+    An extended run keeps also the snapshots and the end of the training that it was before.
+    """
+    former = former_totals(run.manifest)
+    totals = [*former, settings.scale.iterations]
+    snapshots = {max(1, round(share * total)) for share in SNAPSHOT_SHARES for total in totals}
+    kept = frozenset({*snapshots, *former})
+    return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, kept)
 
 
 def _score(result: EvaluationResult) -> float:

@@ -110,6 +110,12 @@ def test_the_same_command_is_the_same_sweep_however_it_is_run(multirun, tmp_path
     assert re.fullmatch("[0-9a-f]{8}", plain)
 
 
+@pytest.mark.usefixtures("trusting")
+def test_a_sweep_has_runs_of_its_own_and_goes_on_with_no_other(multirun, tmp_path):
+    with pytest.raises(ConfigError, match=r"^resume=.* goes on with that one run, and a sweep has"):
+        make_plan(multirun("seed=0,1", f"resume={tmp_path}"))
+
+
 def test_the_jobs_of_a_sweep_may_begin_with_a_policy(multirun, untrained_run):
     small = ("optimizer=fixed,gwo", "ppo.hidden_sizes=[16]", "env.motion=stand")
     begun, fresh = (
