@@ -27,7 +27,7 @@ from tlr_exp.keys import FINAL_PREFIX, ITERATION
 
 # As in tlr_exp.records.mlflow_names. A run without the first is none of training's.
 RUN_ID_TAG, STATUS_TAG, KIND_TAG, SWEEP_TAG = "tlr_exp.run_id", "tlr_exp.status", "kind", "sweep"
-KIND_SWEEP, VERSION_PREFIX = "sweep", "version."
+KIND_SWEEP, VERSION_PREFIX, EXTENDED_TAG = "sweep", "version.", "extended_to"
 
 _SQLITE = "sqlite:///"
 _PAGE = 1000  # runs a search, MLflow's limit
@@ -235,7 +235,10 @@ def _manifest_and_config(client: Any, run: Any) -> tuple[dict[str, Any], dict[st
         except Exception as error:
             if not isinstance(error, OSError | StudyError) and not _is_of_mlflow(error):
                 raise
-            return _manifest_from_tags(run), _config_from_parameters(run.data.params)
+            config = _config_from_parameters(run.data.params)
+            if extended := run.data.tags.get(EXTENDED_TAG):  # parameters keep their first values
+                config.setdefault("scale", {})["iterations"] = _value(extended)
+            return _manifest_from_tags(run), config
     # A killed run's own manifest says running for ever.
     return {**manifest, "status": run.data.tags.get(STATUS_TAG, manifest.get("status"))}, config
 

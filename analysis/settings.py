@@ -150,12 +150,15 @@ def _deviations(key: str, values: Sequence[tuple[str, Any]]) -> Iterator[str]:
 
 
 def _comparable(value: Any) -> str:
-    """Equal for values that mean the same: 1 and 1.0 do, "1" and 1 do not."""
+    """Equal for values that mean the same: 1 and 1.0 do, "1" and 1 do not.
+
+    null is as good as absent, as in runs of versions that did not have the key yet.
+    """
     if isinstance(value, list):
         return f"[{','.join(map(_comparable, value))}]"
     if isinstance(value, int | float) and not isinstance(value, bool):
         return repr(float(value))
-    return "" if value is ABSENT else json.dumps(value)
+    return "" if value is ABSENT or value is None else json.dumps(value)
 
 
 def told_differences(records: Sequence[RunRecord], keys: Iterable[str]) -> Iterator[str]:

@@ -22,6 +22,7 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.constraints import CONSTRAINTS, violations
+from tlr_exp.input_files import file_hashes
 from tlr_exp.records.runs import config_hash
 from tlr_exp.settings import RewardSettings
 
@@ -84,7 +85,7 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("env.robot.mjcf=nowhere.xml", ["env.robot.mjcf", "no file nowhere.xml"]),
         ("env.termination.distance_end_m=2.0", ["distance_end_m exceeds"]),
         ("ppo.max_learning_rate=1e-4", ["ppo.learning_rate"]),
-        ("resume=maybe", ["resume is 'maybe'", "never, auto"]),
+        ("resume=maybe", ["resume is 'maybe'", "never, auto, or the directory of a run"]),
         ("device=tpu", ["device is 'tpu'", "cuda"]),
         ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
         ("+extra=1", ["there is no key extra. Allowed here: ", "seed"]),
@@ -155,6 +156,33 @@ def test_files_count_by_what_they_hold_and_not_by_where_they_lie(tmp_path):
 
     assert identity("a", "a") == identity("b", "b")
     assert len({identity(motion, model) for motion in "ac" for model in "ac"}) == 4
+
+
+def test_a_beginning_counts_by_what_the_checkpoint_holds(tmp_path):
+    for name, weights in (("a", "one"), ("b", "one"), ("c", "two")):
+        folder = tmp_path / name / "checkpoints"
+        folder.mkdir(parents=True)
+        (folder / "000003.pt").write_text(weights)
+        (folder / "000007.pt").write_text("later")
+        (folder / "scores.json").write_text('{"3": 0.5, "7": 0.1}')
+
+    def config(place):
+        return with_absolute_paths(plain_config(composed(f"init_from={tmp_path / place}")))
+
+    best = tmp_path / "a/checkpoints/000003.pt"
+    assert config("a")["init_from"] == config(best)["init_from"] == str(best)
+    assert run_identity(config("a")) == run_identity(config("b")) == run_identity(config(best))
+    identities = {run_identity(config(name)) for name in ("a", "c", "a/checkpoints/000007.pt")}
+    assert len({*identities, identity_of()}) == 4
+    assert run_identity(config("a"), file_hashes(config("c"))) == run_identity(config("c"))
+    with pytest.raises(ConfigError, match="init_from: there is no folder"):
+        config("nowhere")
+
+
+def test_a_run_to_go_on_with_must_be_there(tmp_path):
+    assert load_settings(composed(f"resume={tmp_path}")).resume == str(tmp_path)
+    with pytest.raises(ConfigError, match="in_sweeps, never, auto, or the directory of a run"):
+        load_settings(composed(f"resume={tmp_path}/nowhere"))
 
 
 def test_several_mistakes_are_named_together():

@@ -6,6 +6,7 @@ import torch
 
 from tlr_exp import keys
 from tlr_exp.assembly import build_split
+from tlr_exp.records.extending import extend
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training import (
     EXPLAINED_FAILURES,
@@ -88,6 +89,13 @@ def test_snapshots_of_the_papers_figures_are_kept(settings_of, tmp_path):
     # Figures 9-12 show iterations 100, 500, 1000 and 2200 of 2500.
     assert store.keep_iterations == {100, 500, 1000, 2200}
     assert len(SNAPSHOT_SHARES) == 4
+
+
+def test_an_extended_run_keeps_what_the_shorter_one_kept(settings_of, tmp_path):
+    run = RunDirectory.create(tmp_path / "run", {"scale": {"iterations": 2500}}, {})
+    extend(run, 5000, done=2500, identity="")
+    store = checkpoint_store(settings_of("scale=paper", "scale.iterations=5000"), run)
+    assert store.keep_iterations == {100, 500, 1000, 2200, 2500} | {200, 1000, 2000, 4400}
 
 
 def test_the_last_iteration_is_evaluated_and_kept_as_best(training):

@@ -37,6 +37,12 @@ def explain_mistakes(arguments: Sequence[str]) -> None:
         sys.exit(EXIT_CONFIG)
 
 
+def overridden_keys(overrides: Sequence[str]) -> list[str]:
+    """The keys and groups that overrides name, such as ``ppo.gamma`` and ``optimizer``."""
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    return [override.key_or_group for override in parsed]
+
+
 def _first_values(overrides: Sequence[str]) -> list[str]:
     """Of each sweep of values the first: ``seed=0,1`` and ``seed=range(2)`` become ``seed=0``."""
     loader = GlobalHydra.instance().config_loader()

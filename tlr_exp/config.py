@@ -22,8 +22,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tlr_exp import keys
 from tlr_exp.constraints import violations
-from tlr_exp.input_files import file_hashes, is_motion_path
+from tlr_exp.input_files import INITIAL, MODEL, MOTION, file_hashes, is_motion_path
 from tlr_exp.motion.clips import motion_names
+from tlr_exp.records.checkpoint_files import initial_checkpoint
 from tlr_exp.records.runs import config_hash
 from tlr_exp.settings import RewardSettings, Settings
 
@@ -45,6 +46,7 @@ ADDED_KEYS: dict[str, Any] = {
     "recipe": "paper",
     "ppo.final_learning_rate": None,
     "ppo.decay_from": 0.0,
+    INITIAL: None,
 }
 # The others of these have no part in a run's identity while they have the value above, so that runs
 # keep the identity that they were made with. This one has counted from its first day.
@@ -61,42 +63,68 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
 
 
 def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A plain configuration that means the same files in whatever folder it is read again."""
+    """A plain configuration that means the same files whenever and wherever it is read again.
+
+    A run to begin from becomes the checkpoint of it that is the best one now.
+
+    Raises:
+        ConfigError: there is no run or checkpoint to begin from.
+    """
     env = dict(config["env"])
     robot = dict(env["robot"])
     if robot["mjcf"] is not None:
         robot["mjcf"] = str(Path(robot["mjcf"]).absolute())
     if is_motion_path(env["motion"]):
         env["motion"] = str(Path(env["motion"]).absolute())
-    return {**config, "env": {**env, "robot": robot}}
+    return {**config, "env": {**env, "robot": robot}, INITIAL: _initial_file(config)}
 
 
-def run_identity(config: Mapping[str, Any]) -> str:
+def _initial_file(config: Mapping[str, Any]) -> str | None:
+    if config.get(INITIAL) is None:
+        return None
+    try:
+        return str(initial_checkpoint(Path(config[INITIAL]).absolute()))
+    except ValueError as error:
+        raise ConfigError(f"{INITIAL}: {error}") from error
+
+
+def run_identity(config: Mapping[str, Any], hashes: Mapping[str, str] | None = None) -> str:
     """8 hex digits of a plain configuration, in which files count by what they hold.
 
     Two runs of the same identity learn the same, wherever their files lie and whatever they are
     called. A key that came later and has the value that earlier runs had does not count.
 
+    Args:
+        config: the plain configuration.
+        hashes: of its files, where what they held once counts; by default of what they hold now.
+
     Raises:
         FileNotFoundError: a file that the configuration names is not there.
     """
-    hashes = file_hashes(config)
-    robot = {**config["env"]["robot"], "mjcf": hashes.get("env.robot.mjcf")}
-    env = {**config["env"], "motion": hashes["env.motion"], "robot": robot}
-    as_before = [key for key, value in _later_keys().items() if _value_at(config, key) == value]
-    return config_hash({**config, "env": env}, (*NOT_IDENTITY, *as_before))
+    hashes = file_hashes(config) if hashes is None else hashes
+    robot = {**config["env"]["robot"], "mjcf": hashes.get(MODEL)}
+    env = {**config["env"], "motion": hashes[MOTION], "robot": robot}
+    counted = {**config, "env": env, INITIAL: hashes.get(INITIAL)}
+    as_before = [key for key, value in _later_keys().items() if value_at(counted, key) == value]
+    return config_hash(counted, (*NOT_IDENTITY, *as_before))
 
 
 def _later_keys() -> dict[str, Any]:
     return {key: value for key, value in ADDED_KEYS.items() if key not in ALWAYS_IDENTITY}
 
 
-def _value_at(config: Mapping[str, Any], key: str) -> Any:
+def value_at(config: Mapping[str, Any], key: str) -> Any:
     """What a plain configuration has at a dotted key; None where it has none."""
     value: Any = config
     for name in key.split("."):
         value = value.get(name) if isinstance(value, Mapping) else None
     return value
+
+
+def with_value(config: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """A copy of a plain configuration with another value at a dotted key that it has."""
+    name, _, rest = key.partition(".")
+    return {**config, name: with_value(config[name], rest, value) if rest else value}
 
 
 def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from tlr_exp.g1 import COLLISION_SETS, GAIN_SETS
@@ -48,6 +49,10 @@ _DEVICE = Constraint(
     "cpu, cuda, or cuda:N",
     lambda value: re.fullmatch(r"cpu|cuda(:\d+)?", value) is not None,
 )
+_RESUME = Constraint(
+    f"{', '.join(RESUME_MODES)}, or the directory of a run that is there",
+    lambda value: value in RESUME_MODES or Path(value).is_dir(),
+)
 _LAYERS = Constraint(
     "a list of layer widths of at least 1", lambda value: all(width >= 1 for width in value)
 )
@@ -57,7 +62,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "device": _DEVICE,
     "num_threads": at_least(0),
     "precision": one_of(PRECISIONS),
-    "resume": one_of(RESUME_MODES),
+    "resume": _RESUME,
     "env.robot.gains": one_of(GAIN_SETS),
     "env.robot.collisions": one_of(COLLISION_SETS),
     "env.observation": one_of(OBSERVATIONS),

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+# The keys of a configuration that name files.
+MOTION, MODEL, INITIAL = "env.motion", "env.robot.mjcf", "init_from"
+
 MOTION_FILES = (".yaml", ".yml", ".npz")
 # The attributes of MuJoCo's <compiler> that say where a model's other files lie.
 _FOLDERS = ("assetdir", "meshdir", "texturedir")
@@ -31,15 +34,18 @@ def motion_content(motion: str) -> bytes:
 def file_hashes(config: Mapping[str, Any]) -> dict[str, str]:
     """SHA-256, by key, of the files that a plain configuration means.
 
-    ``env.motion`` always has one; ``env.robot.mjcf`` where the robot is a model of one's own.
+    ``env.motion`` always has one; ``env.robot.mjcf`` where the robot is a model of one's own;
+    ``init_from`` where the policy begins as that of a checkpoint.
 
     Raises:
         FileNotFoundError: there is no such file.
     """
     env = config["env"]
-    hashes = {"env.motion": hashlib.sha256(motion_content(env["motion"])).hexdigest()}
+    hashes = {MOTION: hashlib.sha256(motion_content(env["motion"])).hexdigest()}
     if env["robot"]["mjcf"] is not None:
-        hashes["env.robot.mjcf"] = model_hash(Path(env["robot"]["mjcf"]))
+        hashes[MODEL] = model_hash(Path(env["robot"]["mjcf"]))
+    if config.get(INITIAL) is not None:
+        hashes[INITIAL] = hashlib.sha256(Path(config[INITIAL]).read_bytes()).hexdigest()
     return hashes
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tlr_exp.config import ConfigError, instantiate, run_identity
 from tlr_exp.g1 import CONTROL_DT_S
 from tlr_exp.input_files import file_hashes
+from tlr_exp.records.extending import complete_extension
 from tlr_exp.records.mirror import (
     Mirror,
     check_tracking_uri,
@@ -64,10 +65,11 @@ def check_inputs(settings: Settings) -> None:
     """Try what the configuration names, before a run directory is made.
 
     Raises:
-        ConfigError: see `check_world` and `check_lower_layer`.
+        ConfigError: see `check_world`, `check_lower_layer` and `check_beginning`.
     """
     check_world(settings)
     check_lower_layer(settings)
+    check_beginning(settings)
 
 
 def check_world(settings: Settings, device: bool = True) -> None:
@@ -111,6 +113,18 @@ def check_lower_layer(settings: Settings) -> None:
     instantiate(settings.optimizer, num_terms=num_terms, objective=objective, seed=0, device="cpu")
 
 
+def check_beginning(settings: Settings) -> None:
+    """Look at the checkpoint that the policy begins as, where there is one.
+
+    Raises:
+        ConfigError: it is not there, or holds other networks than those of the configuration.
+    """
+    if settings.init_from is not None:
+        from tlr_exp.initial_policy import check_initial_policy
+
+        check_initial_policy(settings)
+
+
 def open_run(
     settings: Settings,
     config: Mapping[str, Any],
@@ -147,6 +161,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
     """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
     run.set_status(RUNNING)
+    complete_extension(run)
     mirror = Mirror.start(run, uri, settings.study)
     try:
         # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.

@@ -143,4 +143,5 @@ class Settings:
     study: str
     runs_dir: str
     resume: str
+    init_from: str | None
     tracking_uri: str

@@ -9,12 +9,13 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from tlr_exp.command_line import explain_mistakes
+from tlr_exp.command_line import explain_mistakes, overridden_keys
 from tlr_exp.config import (
     CONFIG_PATH,
     ConfigError,
@@ -23,9 +24,11 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.cores import OPENMP_DEFAULTS
+from tlr_exp.input_files import INITIAL
 from tlr_exp.next_scale import next_step
-from tlr_exp.records.run_directory import FINISHED, RunDirectoryError
+from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import StorageError
+from tlr_exp.resuming import FinishedError, is_run, resumption, run_to_resume, store_of_run
 from tlr_exp.running import (
     EXIT_CONFIG,
     EXIT_FAILED,
@@ -37,6 +40,9 @@ from tlr_exp.running import (
     tracking_uri,
     train_in,
 )
+
+if TYPE_CHECKING:
+    from tlr_exp.training import Outcome
 
 
 def main() -> None:
@@ -51,9 +57,13 @@ def main() -> None:
 def _train(config: DictConfig) -> None:
     with _errors_for_people():
         settings = load_settings(config)
+        if is_run(settings.resume):
+            _go_on_with(settings.resume, plain_config(config))
+            return
         uri = tracking_uri(settings)
         check_inputs(settings)
         plain = with_absolute_paths(plain_config(config))
+        settings.init_from = plain[INITIAL]
         method = HydraConfig.get().runtime.choices["optimizer"]
         run = open_run(settings, plain, method, go_on=settings.resume == "auto")
         if run.status == FINISHED:
@@ -61,12 +71,35 @@ def _train(config: DictConfig) -> None:
             return
         with run.lock():
             outcome = train_in(run, settings, uri)
-        if outcome.status != FINISHED:
-            print("go on            repeat the command with resume=auto")
-            sys.exit(EXIT_INTERRUPTED)
+        _leave_unless_finished(run, outcome)
         advice = next_step(settings, run.metrics(), HydraConfig.get().overrides.task)
         if advice is not None:
             print(f"next             {advice}")
+
+
+def _go_on_with(path: str, asked: dict[str, Any]) -> None:
+    """``resume=PATH``: train the rest of that run, by its own configuration."""
+    run = run_to_resume(path)
+    keys = overridden_keys(HydraConfig.get().overrides.task)
+    with run.lock():
+        try:
+            found = resumption(run, keys, asked)
+        except FinishedError as finished:
+            print(finished)
+            return
+        settings = found.settings
+        is_auto = settings.tracking_uri == "auto"
+        uri = store_of_run(run) if is_auto else tracking_uri(settings)
+        check_inputs(settings)
+        found.record()
+        outcome = train_in(run, settings, uri)
+    _leave_unless_finished(run, outcome)
+
+
+def _leave_unless_finished(run: RunDirectory, outcome: Outcome) -> None:
+    if outcome.status != FINISHED:
+        print(f"go on            tlr-train resume={run.path}")
+        sys.exit(EXIT_INTERRUPTED)
 
 
 @contextmanager
@@ -78,7 +111,7 @@ def _errors_for_people() -> Iterator[None]:
         print_error(error)
         sys.exit(EXIT_CONFIG)
     except KeyboardInterrupt:
-        print("interrupted; go on by the same command with resume=auto", file=sys.stderr)
+        print("interrupted; go on by tlr-train resume=RUN_DIRECTORY", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except (StorageError, *explained_failures()) as error:
         print_error(error)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -24,6 +25,7 @@ from tlr_exp.assembly import (
 )
 from tlr_exp.cores import available_cores
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
+from tlr_exp.initial_policy import begin_with
 from tlr_exp.motion.script import KeyframeError
 from tlr_exp.networks import in_float32
 from tlr_exp.objective import NonFiniteReturnsError
@@ -31,6 +33,7 @@ from tlr_exp.ppo import NonFiniteLossError
 from tlr_exp.precision import chosen_precision
 from tlr_exp.progress import Display, make_display
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.extending import former_totals
 from tlr_exp.records.kept_motion import kept_motion
 from tlr_exp.records.metrics_file import DamagedMetricsError
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
@@ -70,7 +73,8 @@ class Training:
         run: the run directory, locked by the caller.
 
     Raises:
-        CheckpointError: there are checkpoints, and none can be read.
+        CheckpointError: there are checkpoints, and none can be read; or what a new run begins with
+            cannot be.
         ConfigError: a part refuses its settings, or the device is not there.
     """
 
@@ -92,6 +96,8 @@ class Training:
         saved = self.store.latest_valid("cpu")
         if saved is not None:
             self.env.restore_simulation(saved.state["simulation"])
+        elif settings.init_from is not None:
+            print(begin_with(ppo, Path(settings.init_from)), flush=True)
         self.trainer = build_trainer(settings, self.env, ppo)
         if saved is not None:
             self.trainer.load_state_dict(saved.state["trainer"])
@@ -174,10 +180,15 @@ class Training:
 
 
 def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
-    """The checkpoints of a run: the newest, the best, and those of the paper's snapshots."""
-    iterations = settings.scale.iterations
-    snapshots = frozenset(max(1, round(share * iterations)) for share in SNAPSHOT_SHARES)
-    return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, snapshots)
+    """The checkpoints of a run: the newest, the best, and those of the paper's snapshots.
+
+    An extended run keeps also the snapshots and the end of the training that it was before.
+    """
+    former = former_totals(run.manifest)
+    totals = [*former, settings.scale.iterations]
+    snapshots = {max(1, round(share * total)) for share in SNAPSHOT_SHARES for total in totals}
+    kept = frozenset({*snapshots, *former})
+    return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, kept)
 
 
 def _score(result: EvaluationResult) -> float:

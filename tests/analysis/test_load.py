@@ -93,6 +93,24 @@ def test_sql_and_the_client_agree(uri: str, monkeypatch: pytest.MonkeyPatch) -> 
     same_records(fast, from_mlflow(uri, EXPERIMENT))
 
 
+def test_the_length_of_an_extended_run_is_the_last_one(
+    uri: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def away(*_: object) -> str:
+        raise OSError("no such store of artifacts")
+
+    monkeypatch.setattr(MlflowClient, "download_artifacts", away)
+    record = from_mlflow(uri, EXPERIMENT)[0]
+    assert record.iterations == ITERATIONS
+    client = MlflowClient(tracking_uri=uri)
+    (run,) = client.search_runs(
+        [client.get_experiment_by_name(EXPERIMENT).experiment_id],
+        f"tags.`{load.RUN_ID_TAG}` = '{record.run_id}'",
+    )
+    client.set_tag(run.info.run_id, "extended_to", str(ITERATIONS + 5))
+    assert from_mlflow(uri, EXPERIMENT)[0].iterations == ITERATIONS + 5
+
+
 def test_without_artifacts_tags_and_parameters_serve(
     uri: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

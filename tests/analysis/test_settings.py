@@ -33,6 +33,11 @@ def test_whole_numbers_equal_floats_but_not_texts_and_not_null() -> None:
     assert len(lines_of(set_in(runs, f"{GWO}2", "ppo.hidden_sizes", [512, 256, 64]))) == 1
 
 
+def test_a_key_that_is_null_is_as_good_as_one_that_earlier_versions_did_not_have() -> None:
+    assert checked(set_in(records(), f"{GWO}2", "init_from", None)).is_finished
+    assert len(lines_of(set_in(records(), f"{GWO}2", "init_from", "a.pt"))) == 1
+
+
 def test_within_an_arm_the_optimizers_settings_must_agree() -> None:
     runs = set_in(records(), f"{GWO}2", "optimizer.pack_size", 10)
     (line,) = lines_of(runs)

@@ -30,9 +30,14 @@ class Trainer:
         # Hydra wants its flags before all overrides.
         flags = [argument for argument in overrides if argument.startswith("-")]
         changes = [argument for argument in overrides if argument not in flags]
+        return self.command(self.folder, *flags, *self.arguments, *changes)
+
+    @staticmethod
+    def command(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+        """``tlr-train`` with these arguments alone, in any folder."""
         return subprocess.Popen(
-            [sys.executable, "-m", "tlr_exp.train", *flags, *self.arguments, *changes],
-            cwd=self.folder,
+            [sys.executable, "-m", "tlr_exp.train", *arguments],
+            cwd=folder,
             env={**os.environ, "HYDRA_FULL_ERROR": "1"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -43,6 +48,13 @@ class Trainer:
     def run(self, *overrides: str) -> tuple[int, str]:
         """Exit status and output of a run that is left alone."""
         process = self.start(*overrides)
+        output, _ = process.communicate(timeout=300)
+        return process.returncode, output
+
+    @classmethod
+    def call(cls, folder: Path, *arguments: str) -> tuple[int, str]:
+        """Exit status and output of ``command``."""
+        process = cls.command(folder, *arguments)
         output, _ = process.communicate(timeout=300)
         return process.returncode, output
 

@@ -1,5 +1,6 @@
 """A run that was killed and resumed ends with the same policy, bit for bit."""
 
+import hashlib
 import json
 import signal
 import time
@@ -8,7 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from tlr_exp.records.checkpoint import load_checkpoint
+from tests.integration.conftest import Trainer
+from tlr_exp.records.checkpoint import CheckpointStore, load_checkpoint
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
 
 LAST = 6
@@ -43,8 +45,6 @@ def without_times(line: dict) -> dict:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory, short_clip_path):
-    from tests.integration.conftest import Trainer
-
     trainer = Trainer(tmp_path_factory.mktemp("undisturbed"), short_clip_path)
     status, output = trainer.run()
     assert status == 0, output
@@ -79,18 +79,100 @@ def test_sigkill_and_resume_end_with_the_same_bits(trainer, undisturbed, kill_af
     )
 
 
+def test_a_run_of_an_earlier_version_is_gone_on_with_by_its_path(trainer, undisturbed, tmp_path):
+    """Killed, moved, without the keys that came later; the command repeats no override."""
+    process = trainer.start()
+    wait_for_lines(trainer.folder, 2, process)
+    process.kill()
+    process.communicate()
+    (killed,) = trainer.runs
+    moved = killed.rename(tmp_path / "moved")
+    text = (moved / "config.yaml").read_text()
+    earlier = text.replace("init_from: null\n", "")
+    assert earlier != text
+    (moved / "config.yaml").write_text(earlier)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+
+    status, output = Trainer.call(elsewhere, f"resume={moved}")
+    assert status == 0, output
+    assert not list(elsewhere.iterdir())
+    assert_same(final_state(moved), final_state(undisturbed))
+    assert [without_times(line) for line in lines(moved)] == [
+        without_times(line) for line in lines(undisturbed)
+    ]
+    assert (moved / "config.yaml").read_text() == earlier
+
+
+def test_a_run_that_is_trained_further_is_the_longer_run_to_the_bit(trainer, undisturbed):
+    assert trainer.run(f"scale.iterations={LAST // 2}")[0] == 0
+    (run,) = trainer.runs
+    short = RunDirectory.open(run).manifest["identity"]
+    status, output = Trainer.call(trainer.folder, f"resume={run}", f"scale.iterations={LAST}")
+    assert status == 0, output
+    assert_same(final_state(run), final_state(undisturbed))
+    assert [without_times(line) for line in lines(run)] == [
+        without_times(line) for line in lines(undisturbed)
+    ]
+    manifest = RunDirectory.open(run).manifest
+    assert manifest["identity"] == RunDirectory.open(undisturbed).manifest["identity"] != short
+    (entry,) = manifest["extended"]
+    assert (entry["from_iteration"], entry["iterations"]) == (LAST // 2, LAST)
+    assert (entry["former_iterations"], entry["former_identity"]) == (LAST // 2, short)
+    assert RunDirectory.open(run).config["scale"]["iterations"] == LAST
+
+    # The longer configuration has been trained, the shorter one has not.
+    status, output = trainer.run("resume=auto")
+    assert (status, "trained already" in output) == (0, True), output
+    status, output = trainer.run("resume=auto", f"scale.iterations={LAST // 2}")
+    assert status == 0, output
+    assert len(trainer.runs) == 2
+
+
+def test_a_run_that_trains_and_one_that_has_finished_are_not_gone_on_with(trainer):
+    process = trainer.start("scale.iterations=1000")
+    wait_for_lines(trainer.folder, 1, process)
+    (run,) = trainer.runs
+    status, output = Trainer.call(trainer.folder, f"resume={run}")
+    process.kill()
+    process.communicate()
+    assert (status, "in use by another process" in output) == (2, True), output
+
+    RunDirectory.open(run).set_status(FINISHED)
+    status, output = Trainer.call(trainer.folder, f"resume={run}")
+    assert status == 0
+    assert "has finished its 1000 iterations" in output
+    assert f"tlr-train resume={run} scale.iterations=N" in output
+    status, output = Trainer.call(trainer.folder, f"resume={run}", "optimizer=fixed", "seed=3")
+    assert status == 2
+    assert f"start a new one with init_from={run} to change optimizer, seed" in output
+
+
+def test_a_new_run_begins_with_the_policy_of_another(trainer, undisturbed):
+    status, output = trainer.run("scale.iterations=1", "seed=5", f"init_from={undisturbed}")
+    assert status == 0, output
+    assert "begins with the policy and the critic of" in output
+    (run,) = trainer.runs
+    best = CheckpointStore(undisturbed / "checkpoints", keep_last=1).best()
+    manifest, config = RunDirectory.open(run).manifest, RunDirectory.open(run).config
+    assert config["init_from"] == str(best)
+    assert manifest["files"]["init_from"] == hashlib.sha256(best.read_bytes()).hexdigest()
+    before = RunDirectory.open(undisturbed).manifest["identity"]
+    assert manifest["identity"] != before
+
+
 def test_ctrl_c_writes_a_checkpoint_and_says_how_to_go_on(trainer, undisturbed):
     process = trainer.start()
     wait_for_lines(trainer.folder, 1, process)
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
-    assert "resume=auto" in output
     run = RunDirectory.open(trainer.runs[0])
+    assert f"tlr-train resume={run.path}" in output
     assert run.status == INTERRUPTED
     assert list((run.path / "checkpoints").glob("*.pt"))
 
-    status, output = trainer.run("resume=auto")
+    status, output = Trainer.call(trainer.folder, f"resume={run.path}")
     assert status == 0, output
     assert RunDirectory.open(trainer.runs[0]).status == FINISHED
     assert_same(final_state(trainer.runs[0]), final_state(undisturbed))

@@ -12,6 +12,7 @@ import pytest
 from stores import log_lines, small_run, sql, steps
 
 from tlr_exp.records import tracking
+from tlr_exp.records.extending import extend
 from tlr_exp.records.mlflow_store import MlflowClient, TrackingUnavailable, open_client
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.tracking import RunUpload, sync_run
@@ -243,6 +244,29 @@ def test_resume_behind_what_was_mirrored_keeps_one_point_a_step(
     assert sync_run(run, uri, FAR).iterations == 0
     for name in ("train/loss", "weight/torque_0_", "iteration"):
         assert steps(database, name) == list(range(13))
+
+
+def test_a_run_that_is_trained_further_goes_on_in_the_same_place(
+    tmp_path: Path, uri: str, database: Path
+) -> None:
+    config = {"seed": 3, "scale": {"iterations": 4}}
+    run = RunDirectory.create(tmp_path / "extended", config, {"method": "gwo"}, "0000aaaa")
+    log_lines(run, range(1, 5))
+    run.set_status("finished")
+    first = sync_run(run, uri, FAR)
+    extend(run, 6, done=4, identity="1111bbbb")
+    again = sync_run(run, uri, FAR)
+    assert (again.created, again.mlflow_run_id) == (False, first.mlflow_run_id)
+    client = open_client(uri)
+    log_lines(run, range(5, 7))
+    run.set_status("finished")
+    last = sync_run(run, uri, FAR)
+    there = client.get_run(first.mlflow_run_id)
+    assert (there.info.status, there.data.params["scale.iterations"]) == ("FINISHED", "4")
+    assert there.data.tags["extended_to"] == "6"
+    assert there.data.tags["identity"] == "1111bbbb"
+    assert last.notes == ("parameter scale.iterations keeps its first value '4'",)
+    assert steps(database) == list(range(1, 7))
 
 
 def test_torn_last_line_waits_until_it_is_whole(

@@ -111,6 +111,24 @@ def test_the_same_command_is_the_same_sweep_however_it_is_run(multirun, tmp_path
 
 
 @pytest.mark.usefixtures("trusting")
+def test_a_sweep_has_runs_of_its_own_and_goes_on_with_no_other(multirun, tmp_path):
+    with pytest.raises(ConfigError, match=r"^resume=.* goes on with that one run, and a sweep has"):
+        make_plan(multirun("seed=0,1", f"resume={tmp_path}"))
+
+
+def test_the_jobs_of_a_sweep_may_begin_with_a_policy(multirun, untrained_run):
+    small = ("optimizer=fixed,gwo", "ppo.hidden_sizes=[16]", "env.motion=stand")
+    begun, fresh = (
+        make_plan(multirun(*small, *more)) for more in ([f"init_from={untrained_run}"], [])
+    )
+    assert len({job.identity for plan in (begun, fresh) for job in plan.jobs}) == 4
+    path = untrained_run / "checkpoints" / "000005.pt"
+    assert {job.spec.config["init_from"] for job in begun.jobs} == {str(path)}
+    with pytest.raises(ConfigError, match=r"ppo\.hidden_sizes is \[16\] there, \[8\] here"):
+        make_plan(multirun(*small, f"init_from={untrained_run}", "ppo.hidden_sizes=[8]"))
+
+
+@pytest.mark.usefixtures("trusting")
 def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, monkeypatch):
     monkeypatch.setattr(planning, "available_cores", lambda: 8)
 

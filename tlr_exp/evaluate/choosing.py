@@ -8,11 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from tlr_exp.records.run_directory import RunDirectory
-    from tlr_exp.settings import Settings
+from tlr_exp.records.checkpoint_files import CHECKPOINTS, chosen_checkpoint
 
-BEST, LAST = "best", "last"
+if TYPE_CHECKING:
+    from tlr_exp.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,7 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
         run_path = path.absolute().parent.parent
     run = RunDirectory.open(run_path)
     from tlr_exp.config import load_settings, of_any_version
+    from tlr_exp.past_runs import check_files, with_kept_motion
 
     config = of_any_version(run.config)
     motion = config["env"]["motion"]
@@ -61,39 +61,10 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
         config = {**config, "physics": _physics_nodes()[engine]}
     settings = load_settings({**config, "device": _present_device(config)})
     check_files(run, config)
-    file = path if path.suffix == ".pt" else _checkpoint_file(run.path / "checkpoints", checkpoint)
+    file = path if path.suffix == ".pt" else chosen_checkpoint(run.path / CHECKPOINTS, checkpoint)
     if not file.stem.isdecimal():
         raise ValueError(f"{file} is no checkpoint of a run: its name is not an iteration")
     return Choice(run.path, settings, file, int(file.stem), engine, motion)
-
-
-def with_kept_motion(run: RunDirectory, config: dict[str, Any]) -> dict[str, Any]:
-    """The configuration on the clip that the run keeps, where it keeps one."""
-    if not run.motion_path.is_file():
-        return config
-    return {**config, "env": {**config["env"], "motion": str(run.motion_path)}}
-
-
-def check_files(run: RunDirectory, config: dict[str, Any]) -> None:
-    """Refuse files that are known to hold something else than when the run was trained.
-
-    Args:
-        run: its manifest knows the hashes, unless an earlier version made it.
-        config: from ``with_kept_motion``.
-
-    Raises:
-        ValueError: names the file and both hashes.
-    """
-    from tlr_exp.input_files import file_hashes
-
-    env, now = config["env"], file_hashes(config)
-    named = {"env.motion": env["motion"], "env.robot.mjcf": env["robot"]["mjcf"]}
-    for key, then in run.manifest.get("files", {}).items():
-        if named[key] != str(run.motion_path) and now[key] != then:
-            raise ValueError(
-                f"{named[key]} ({key}) is not what {run.path.name} was trained with: its SHA-256 "
-                f"is {now[key]}, and was {then}. Put back what it held then"
-            )
 
 
 def load_policy(choice: Choice) -> Any:
@@ -117,23 +88,6 @@ def load_policy(choice: Choice) -> Any:
             f"{choice.checkpoint} holds no policy of this configuration ({reason})"
         ) from error
     return actor
-
-
-def _checkpoint_file(folder: Path, wanted: str | None) -> Path:
-    from tlr_exp.records.checkpoint import CheckpointStore
-
-    store = CheckpointStore(folder, keep_last=1)  # only read: keep_last is of no consequence
-    iterations = store.iterations()
-    if not iterations:
-        raise ValueError(f"{folder} holds no checkpoint yet")
-    if wanted is not None and wanted.isdecimal() and int(wanted) in iterations:
-        return store.path_of(int(wanted))
-    named = {None: store.best() or store.latest(), BEST: store.best(), LAST: store.latest()}
-    file = named.get(wanted)
-    if file is None:
-        names = [*(str(i) for i in iterations), LAST, *([BEST] if store.best() else [])]
-        raise ValueError(f"{folder} has no checkpoint {wanted!r}; it has {', '.join(names)}")
-    return file
 
 
 def _physics_name(config: dict[str, Any], wanted: str | None) -> str:

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from tlr_exp.assembly import build_clip, build_robot_of
-from tlr_exp.evaluate.choosing import BEST, LAST, Choice, choose
+from tlr_exp.evaluate.choosing import Choice, choose
 from tlr_exp.evaluate.policies import evaluate, picture_size, row_of
 from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import graphics_backend
 from tlr_exp.pictures.media import write_image
 from tlr_exp.pictures.policy_strips import policy_strip
-from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
+from tlr_exp.records.checkpoint_files import BEST, CHECKPOINTS, LAST, checkpoint_iterations
 from tlr_exp.records.run_directory import RunDirectory
 
 PAPER_SHARES = (4.0, 20.0, 40.0, 88.0)  # Figures 9-12: iterations 100, 500, 1000, 2200 of 2500

@@ -9,6 +9,7 @@ from pathlib import Path
 SUFFIX = ".pt"
 SCORES = "scores.json"
 CHECKPOINTS = "checkpoints"
+BEST, LAST = "best", "last"
 
 _log = logging.getLogger(__name__)
 
@@ -41,3 +42,45 @@ def best_iteration(directory: Path) -> int | None:
     present = set(checkpoint_iterations(directory))
     scores = {key: score for key, score in read_scores(directory).items() if key in present}
     return min(scores, key=lambda key: (-scores[key], key)) if scores else None
+
+
+def chosen_checkpoint(directory: Path, wanted: str | None = None) -> Path:
+    """The file of the checkpoint asked for.
+
+    Args:
+        directory: holds checkpoints.
+        wanted: ``best``, ``last`` or an iteration; by default the best, or else the last.
+
+    Raises:
+        ValueError: there is none of that name; lists those that there are.
+    """
+    iterations = checkpoint_iterations(directory)
+    if not iterations:
+        raise ValueError(f"{directory} holds no checkpoint yet")
+    best = best_iteration(directory)
+    named = {
+        **{str(iteration): iteration for iteration in iterations},
+        **{LAST: iterations[-1], BEST: best, None: iterations[-1] if best is None else best},
+    }
+    iteration = named.get(str(int(wanted)) if wanted and wanted.isdecimal() else wanted)
+    if iteration is None:
+        names = [name for name, found in named.items() if name and found is not None]
+        raise ValueError(f"{directory} has no checkpoint {wanted!r}; it has {', '.join(names)}")
+    return checkpoint_path(directory, iteration)
+
+
+def initial_checkpoint(path: Path) -> Path:
+    """The file that another run begins from: a checkpoint, or the best (else the last) of a run.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if path.suffix == SUFFIX:
+        if not path.is_file():
+            raise ValueError(f"there is no checkpoint {path}")
+        return path
+    if not path.is_dir():
+        raise ValueError(f"there is no folder {path}; a run or a checkpoint ({SUFFIX}) is needed")
+    if not (path / CHECKPOINTS).is_dir():
+        raise ValueError(f"{path} is no run: it has no folder {CHECKPOINTS}")
+    return chosen_checkpoint(path / CHECKPOINTS)

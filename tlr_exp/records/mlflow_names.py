@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from tlr_exp.records.extending import extensions
 from tlr_exp.records.run_directory import FAILED, FINISHED, RUNNING
 
 RUN_ID_TAG = "tlr_exp.run_id"
@@ -20,6 +21,7 @@ FILES_TAG = "tlr_exp.files"
 KIND_TAG = "kind"  # "run" or "sweep"
 SWEEP_TAG = "sweep"  # of a sweep its directory's name; of a run those of all that it belongs to
 BEST_CHECKPOINT_TAG, FINAL_CHECKPOINT_TAG = "best_checkpoint", "final_checkpoint"  # artifacts
+EXTENDED_TAG = "extended_to"  # of a run trained further: how many iterations it has at its end
 PARENT_TAG = "mlflow.parentRunId"
 KIND_RUN, KIND_SWEEP = "run", "sweep"
 
@@ -71,6 +73,8 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
     }
     tags |= {f"version.{name}": text for name, text in (manifest.get("packages") or {}).items()}
     tags |= manifest.get("tags") or {}
+    if made := extensions(manifest):  # a parameter of MLflow keeps its first value
+        tags[EXTENDED_TAG] = made[-1]["iterations"]
     return plain_tags(tags)
 
 

@@ -154,6 +154,15 @@ class RunDirectory:
         except (OSError, yaml.YAMLError) as error:
             raise RunDirectoryError(f"cannot read {self.path / CONFIG}: {error}") from error
 
+    def rewrite_config(self, config: Mapping[str, Any]) -> None:
+        """Replace config.yaml, for the holder of `lock`.
+
+        Raises:
+            RunDirectoryError: `config` is not plain data.
+            StorageError: it cannot be written; the old one stays.
+        """
+        atomic_write(self.path / CONFIG, _config_text(config).encode())
+
     @property
     def motion_path(self) -> Path:
         """Where the motion lies that is trained on; not there in runs of earlier versions."""

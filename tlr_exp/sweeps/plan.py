@@ -24,14 +24,21 @@ from tlr_exp.config import (
     with_absolute_paths,
 )
 from tlr_exp.cores import available_cores
+from tlr_exp.input_files import INITIAL
 from tlr_exp.records.runs import config_hash
-from tlr_exp.running import check_lower_layer, check_world, tracking_uri
+from tlr_exp.resuming import is_run
+from tlr_exp.running import check_beginning, check_lower_layer, check_world, tracking_uri
 from tlr_exp.settings import Settings
 from tlr_exp.sweeps.parallel import parallelism
 from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
 
 UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job
+
+_NOT_IN_SWEEPS = (
+    "resume={0} goes on with that one run, and a sweep has runs of its own: leave out -m, or leave "
+    "resume as it is, by which a sweep goes on with its runs"
+)
 
 
 def make_plan(config: DictConfig) -> Plan:
@@ -135,7 +142,7 @@ def _compose_all(
 
 
 def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device: bool) -> Settings:
-    """Try each motion, model and lower layer once; the settings of the first job.
+    """Try each motion, model, lower layer and beginning once; the settings of the first job.
 
     All jobs share those named in SHARED.
     """
@@ -147,6 +154,10 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
         mistakes.add(num, _mistake(world, partial(check_world, settings, check_device), checked))
         layer = {key: plain[key] for key in ("optimizer", "reward")}
         mistakes.add(num, _mistake(layer, partial(check_lower_layer, settings), checked))
+        start = {key: plain[key] for key in (INITIAL, "env", "ppo")}
+        mistakes.add(num, _mistake(start, partial(check_beginning, settings), checked))
+        if is_run(settings.resume):
+            mistakes.add(num, ConfigError(_NOT_IN_SWEEPS.format(settings.resume)))
         for name in SHARED:
             if getattr(settings, name) != getattr(first, name):
                 mistakes.add(num, ConfigError(f"{name} must be the same in every job of a sweep"))
