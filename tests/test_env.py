@@ -13,6 +13,7 @@ from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
 from tlr_exp.env import TrackingEnv
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import TERMS, Transition
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
@@ -81,7 +82,7 @@ def test_an_episode_starts_in_the_state_of_the_reference(make_env, short_clip):
     assert torch.equal(env.state.qvel, torch.tensor(short_clip.qvel[start], dtype=torch.float32))
     for name in ("body_pos_w", "body_lin_vel_w", "body_ang_vel_w"):
         expected = getattr(short_clip, name)[start]
-        np.testing.assert_allclose(env.state.get(name).numpy(), expected, atol=2e-5)
+        np.testing.assert_allclose(getattr(env.state, name).numpy(), expected, atol=2e-5)
 
 
 def test_random_starts_cover_the_motion_evenly(make_env):
@@ -208,8 +209,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
         elapsed = k % 39 + 1  # 39 steps lead from frame 0 to the last but one
         action, after = batch[keys.ACTION][:, k], batch["next"][:, k]
         transition = Transition(
-            state,
-            reference.frame(torch.full((NUM_ENVS,), elapsed + 1)),
+            Instant(state, reference.frame(torch.full((NUM_ENVS,), elapsed + 1))),
             action,
             previous,
             torch.zeros(NUM_ENVS, dtype=torch.bool),

@@ -232,10 +232,9 @@ class TrackingEnv(EnvBase):
         return torch.randint(latest, (count,), generator=self.generator, device=self.device)
 
     def _observe_start(self, env_ids: Tensor) -> None:
-        state = PhysicsState(*(values[env_ids] for values in self.state))
-        frame_index = self._frame_index()[env_ids]
-        instant = Instant(state, self.reference.frame(frame_index))
-        action = self.previous_action[env_ids]
+        frame_index = self._frame_index().index_select(0, env_ids)
+        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
+        action = self.previous_action.index_select(0, env_ids)
         if self.settings.observation == "history":
             frame = observations.proprioception(instant, action, self.default_joint_pos)
             observed = observations.first_history(frame, self._phase(frame_index))
