@@ -13,6 +13,7 @@ from tlr_exp import g1, keys
 from tlr_exp.mdp import rewards
 from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import TERMS
+from tlr_exp.motion.reference import ReferenceFrame
 
 GOAL_TERMS = (
     *(keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL),
@@ -71,9 +72,7 @@ def test_environments_do_not_mix(name, unrelated):
     whole = TERMS[name](step, **constants_of(name))
     row = torch.tensor([4])
     alone = rewards.Transition(
-        Instant(
-            step.state.at(row), type(step.reference)(*(field[row] for field in step.reference))
-        ),
+        Instant(step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference))),
         step.action[row],
         step.previous_action[row],
         step.terminated[row],
@@ -136,6 +135,7 @@ def test_body_groups_by_hand(term, inside, outside, size, tracking):
     step = tracking()
     move(step, (outside,), by=(1.0, 1.0, 1.0))
     assert term(step, sigma=0.03 / size).item() == 1.0
+    step = tracking()
     move(step, (inside,), by=(0.0, 0.3, 0.0))
     assert term(step, sigma=0.03 / size).item() == pytest.approx(math.exp(-1.0), rel=1e-4)
 

@@ -54,7 +54,7 @@ def test_one_body_beyond_the_distance_is_enough(tracking):
 
 def test_distances_of_several_bodies_do_not_add_up(tracking):
     step = tracking()
-    step.state.body_pos_w += torch.tensor([0.0, 0.49, 0.0])
+    step.state.body_pos_w.add_(torch.tensor([0.0, 0.49, 0.0]))
     assert far_from_reference(step.instant, 0.5).tolist() == [False]
 
 
