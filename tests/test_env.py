@@ -232,7 +232,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
     [
         ("observation", "history, reference"),
         ("action", "default_pose, current_pose"),
-        ("start_phase", "random, zero"),
+        ("start_phase", "random, adaptive, zero"),
     ],
 )
 def test_choices_that_do_not_exist_are_refused_with_those_that_do(

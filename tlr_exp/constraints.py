@@ -10,7 +10,7 @@ from tlr_exp.g1 import COLLISION_SETS, GAIN_SETS
 
 OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose")
-START_PHASES = ("random", "zero")
+START_PHASES = ("random", "adaptive", "zero")
 ACTIVATIONS = ("elu", "relu", "tanh")
 RESUME_MODES = ("in_sweeps", "never", "auto")
 
