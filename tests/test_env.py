@@ -7,11 +7,13 @@ import pytest
 import torch
 from playback import Playback
 from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, step_mdp
 from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
+from tlr_exp.assembly import build_collect
 from tlr_exp.env import TrackingEnv
 from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import TERMS, Transition
@@ -222,6 +224,21 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
         assert after[keys.TRUNCATED].all() if elapsed == 39 else not after[keys.DONE].any()
         previous = torch.zeros(NUM_ENVS, 23) if elapsed == 39 else action
     assert len(states) == 45
+
+
+def test_what_is_added_to_a_batch_does_not_reach_the_next(make_env):
+    env = make_env("env.start_phase=zero")
+    policy = TensorDictModule(
+        lambda seen: 0.1 * seen[:, :23], in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION]
+    )
+    collect = build_collect(env, policy, num_steps=3)
+    first = collect()
+    first["next", keys.REWARD] = torch.zeros(NUM_ENVS, 3, 1)
+    second = collect()
+    assert second.shape == (NUM_ENVS, 3)
+    assert keys.REWARD not in set(second["next"].keys())
+    # The batches follow one another: the last state of the first was the start of the second.
+    assert torch.equal(env.observed, second["next", keys.OBSERVATION][:, -1])
 
 
 # --- what is refused -------------------------------------------------------------------------
