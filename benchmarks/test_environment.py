@@ -16,21 +16,26 @@ from tlr_exp.physics.native import NativePhysics
 
 NUM_STEPS = 24
 ROUNDS = 10
-WANTED_RATIO = 0.75
+WANTED_RATIO = 0.85
 
 
 @pytest.mark.parametrize("num_envs", [512, 4096])
 def test_environment_against_bare_physics(num_envs, benchmark):
     """Bare stepping time over the time of everything (observations, terms, resets, collector).
 
+    On one core, the engine's part and the environment's alike: with more threads the engine gets
+    faster and the rest does not, so the ratio would be one of the number of cores.
+
     Both start from the same states and receive the same targets; rounds alternate between them,
     so that a machine that changes its pace changes it for both.
     """
     with initialize_config_module("tlr_exp.conf", version_base="1.3"):
-        settings = load_settings(compose("config", [f"scale.num_envs={num_envs}"]))
+        settings = load_settings(
+            compose("config", [f"scale.num_envs={num_envs}", "physics.num_threads=1"])
+        )
     robot = build_robot_of(settings.env)
     env = build_env(settings, robot, build_clip(settings.env, robot))
-    bare = NativePhysics(robot, num_envs)
+    bare = NativePhysics(robot, num_envs, num_threads=1)
     generator = torch.Generator().manual_seed(0)
     action = 0.3 * torch.randn(num_envs, NUM_JOINTS, generator=generator)
     policy = TensorDictModule(lambda _: action, in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION])

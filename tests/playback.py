@@ -48,5 +48,4 @@ class Playback:
             **fields,
             joint_torque=torch.zeros(self.num_envs, 23),
             foot_contact_force=torch.zeros(self.num_envs, 2, 3),
-            batch_size=[self.num_envs],
         )

@@ -7,13 +7,16 @@ import pytest
 import torch
 from playback import Playback
 from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, step_mdp
 from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
+from tlr_exp.assembly import build_collect
 from tlr_exp.constraints import ACTIONS
 from tlr_exp.env import TrackingEnv
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import TERMS, Transition
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
@@ -82,7 +85,7 @@ def test_an_episode_starts_in_the_state_of_the_reference(make_env, short_clip):
     assert torch.equal(env.state.qvel, torch.tensor(short_clip.qvel[start], dtype=torch.float32))
     for name in ("body_pos_w", "body_lin_vel_w", "body_ang_vel_w"):
         expected = getattr(short_clip, name)[start]
-        np.testing.assert_allclose(env.state.get(name).numpy(), expected, atol=2e-5)
+        np.testing.assert_allclose(getattr(env.state, name).numpy(), expected, atol=2e-5)
 
 
 def test_random_starts_cover_the_motion_evenly(make_env):
@@ -209,8 +212,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
         elapsed = k % 39 + 1  # 39 steps lead from frame 0 to the last but one
         action, after = batch[keys.ACTION][:, k], batch["next"][:, k]
         transition = Transition(
-            state,
-            reference.frame(torch.full((NUM_ENVS,), elapsed + 1)),
+            Instant(state, reference.frame(torch.full((NUM_ENVS,), elapsed + 1))),
             action,
             previous,
             torch.zeros(NUM_ENVS, dtype=torch.bool),
@@ -225,6 +227,21 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
     assert len(states) == 45
 
 
+def test_what_is_added_to_a_batch_does_not_reach_the_next(make_env):
+    env = make_env("env.start_phase=zero")
+    policy = TensorDictModule(
+        lambda seen: 0.1 * seen[:, :23], in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION]
+    )
+    collect = build_collect(env, policy, num_steps=3)
+    first = collect()
+    first["next", keys.REWARD] = torch.zeros(NUM_ENVS, 3, 1)
+    second = collect()
+    assert second.shape == (NUM_ENVS, 3)
+    assert keys.REWARD not in set(second["next"].keys())
+    # The batches follow one another: the last state of the first was the start of the second.
+    assert torch.equal(env.observed, second["next", keys.OBSERVATION][:, -1])
+
+
 # --- what is refused -------------------------------------------------------------------------
 
 
@@ -233,7 +250,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
     [
         ("observation", "history, reference"),
         ("action", "default_pose, current_pose, reference_pose, reference_motion"),
-        ("start_phase", "random, zero"),
+        ("start_phase", "random, adaptive, zero"),
     ],
 )
 def test_choices_that_do_not_exist_are_refused_with_those_that_do(

@@ -48,7 +48,7 @@ def test_unstable_environment_is_ended_flagged_and_revived(make_env, observation
     for action in script[:3]:
         advance(healthy, expected_now, action)
         _, now = advance(env, now, action)
-    before = env.state.clone()
+    before = env.state
     poison(env, field, value)
 
     after, now = advance(env, now, script[3])

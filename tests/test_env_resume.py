@@ -55,7 +55,10 @@ def make(make_env):
     return build
 
 
-@pytest.mark.parametrize("choice", ["env.observation=history", "env.observation=reference"])
+@pytest.mark.parametrize(
+    "choice",
+    ["env.observation=history", "env.observation=reference", "env.start_phase=adaptive"],
+)
 @pytest.mark.parametrize("steps_before", [0, 60])
 def test_fresh_environment_continues_bit_for_bit(make, choice, steps_before):
     env = make(choice)
@@ -124,3 +127,18 @@ def test_a_saved_state_is_not_changed_by_going_on(make):
         for name, value in kept[part].items():
             assert torch.equal(saved[part][name], value), name
     assert torch.equal(saved["generator"], kept["generator"])
+
+
+def test_a_checkpoint_without_start_phases_is_restored(make):
+    """Those of earlier versions."""
+    env = make()
+    run(env, env.reset(), actions(5, seed=1))
+    saved = through_a_file(env.simulation_state())
+    del saved["starts"]
+    fresh = make(seed=9)
+    fresh.restore_simulation(saved)
+    assert torch.equal(fresh.episode_step, env.episode_step)
+    script = actions(30, seed=2)
+    expected, _ = run(env, env._reset_output(), script)
+    found, _ = run(fresh, fresh.reset(), script)
+    assert_same_bits(found["next"], expected["next"])

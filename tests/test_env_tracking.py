@@ -185,6 +185,18 @@ def test_an_evaluation_goes_on_after_failures(playing):
     assert ends(step(env)) == [(False, True, True)] * NUM_ENVS
 
 
+def test_failures_are_counted_where_in_the_motion_they_happen(playing, robot, short_clip):
+    env = playing("env.start_phase=adaptive", "env.reference_lead=1")
+    env.reset()
+    seen: list[tuple[list[int], list[bool]]] = []
+    env.starts.update = lambda frame, failed: seen.append((frame.tolist(), failed.tolist()))
+    before = env.physics.frame.tolist()
+    env.physics.change = lying(1)
+    step(env)
+    # The playback says where in the motion it is; the reference that is read ahead does not count.
+    assert seen == [([frame + 1 for frame in before], [False, True, False])]
+
+
 def test_the_distance_limit_tightens_while_episodes_are_long(playing):
     # Each control step with a mean above 38 halves the limit.
     env = playing(

@@ -11,7 +11,7 @@ from tlr_exp.g1 import COLLISION_SETS, GAIN_SETS
 
 OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
-START_PHASES = ("random", "zero")
+START_PHASES = ("random", "adaptive", "zero")
 ACTIVATIONS = ("elu", "relu", "tanh")
 PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")

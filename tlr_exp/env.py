@@ -21,6 +21,7 @@ from tlr_exp.mdp.instability import UnstableStates
 from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.resets import perturb
 from tlr_exp.mdp.rewards import TERMS, JointLimits, Transition
+from tlr_exp.mdp.starts import StartFrames
 from tlr_exp.mdp.terminations import TighteningDistance, far_from_reference, fell
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
@@ -68,7 +69,6 @@ class TrackingEnv(EnvBase):
         self.reference = reference
         self.settings = settings
         self.failures = failures
-        self.first_frame = 0  # where episodes begin with the start phase "zero"
         self.term_names = tuple(terms)
         self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
 
@@ -82,6 +82,9 @@ class TrackingEnv(EnvBase):
             tensor(robot.effort_limit_nm),
         )
         self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
+        # The reference is read ahead, and an episode has one step at least.
+        num_starts = reference.num_frames - 1 - settings.reference_lead
+        self.starts = StartFrames(settings.start_phase, num_starts, reference.fps, self.device)
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()
@@ -123,6 +126,7 @@ class TrackingEnv(EnvBase):
         truncated = (frame_index >= self.reference.num_frames - 1) & ~terminated
         done = terminated | truncated
         self.distance.update(self.episode_step, done)
+        self.starts.update(self.start_frame + self.episode_step, terminated)
 
         transition = Transition(instant, action, self.previous_action, terminated, self.limits)
         terms = torch.stack([term(transition) for term in self.terms], dim=-1)
@@ -225,7 +229,7 @@ class TrackingEnv(EnvBase):
         return self._reset_output()
 
     def _start_episodes(self, env_ids: Tensor) -> None:
-        start = self._draw_start_frames(len(env_ids))
+        start = self.starts.draw(len(env_ids), self.generator)
         reference = self.reference.frame(start)
         qpos, qvel = perturb(
             reference.qpos,
@@ -242,17 +246,10 @@ class TrackingEnv(EnvBase):
         self.previous_action = self.previous_action.index_fill(0, env_ids, 0.0)
         self._observe_start(env_ids)
 
-    def _draw_start_frames(self, count: int) -> Tensor:
-        if self.settings.start_phase == "zero":
-            return torch.full((count,), self.first_frame, device=self.device)
-        latest = self.reference.num_frames - 1 - self.settings.reference_lead
-        return torch.randint(latest, (count,), generator=self.generator, device=self.device)
-
     def _observe_start(self, env_ids: Tensor) -> None:
-        state = PhysicsState(*(values[env_ids] for values in self.state))
-        frame_index = self._frame_index()[env_ids]
-        instant = Instant(state, self.reference.frame(frame_index))
-        action = self.previous_action[env_ids]
+        frame_index = self._frame_index().index_select(0, env_ids)
+        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
+        action = self.previous_action.index_select(0, env_ids)
         if self.settings.observation == "history":
             frame = observations.proprioception(instant, action, self.default_joint_pos)
             observed = observations.first_history(frame, self._phase(frame_index))
@@ -286,6 +283,7 @@ class TrackingEnv(EnvBase):
             "physics": self.physics.state_dict(),
             "generator": self.generator.get_state(),
             "distance": self.distance.state_dict(),
+            "starts": self.starts.state_dict(),
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
@@ -298,6 +296,8 @@ class TrackingEnv(EnvBase):
         self.state = self.physics.state()
         self.generator.set_state(saved["generator"])
         self.distance.load_state_dict(saved["distance"])
+        if "starts" in saved:  # runs of earlier versions had no adaptive starts
+            self.starts.load_state_dict(saved["starts"])
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))
         self._resume_pending = True

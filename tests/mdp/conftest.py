@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from tlr_exp import g1
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import JointLimits, Transition
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
@@ -50,7 +51,6 @@ def state_on() -> Callable[[ReferenceFrame], PhysicsState]:
             **{name: value.clone() for name, value in frame._asdict().items()},
             joint_torque=torch.zeros(num_envs, JOINTS),
             foot_contact_force=torch.zeros(num_envs, 2, 3),
-            batch_size=[num_envs],
         )
 
     return make
@@ -71,8 +71,7 @@ def tracking(random_frame, state_on) -> Callable[..., Transition]:
             torch.full((JOINTS,), 50.0),
         )
         return Transition(
-            state=state_on(frame),
-            reference=frame,
+            instant=Instant(state_on(frame), frame),
             action=torch.zeros(num_envs, JOINTS),
             previous_action=torch.zeros(num_envs, JOINTS),
             terminated=torch.zeros(num_envs, dtype=torch.bool),
@@ -92,9 +91,10 @@ def unrelated(tracking, random_frame, state_on) -> Callable[..., Transition]:
         state.joint_torque.copy_(60.0 * torch.randn(num_envs, JOINTS, generator=generator))
         state.qpos[:, 7:] *= 3.0
         state.qvel[:, 6:] *= 10.0
+        step = tracking(num_envs, seed)
         return replace(
-            tracking(num_envs, seed),
-            state=state,
+            step,
+            instant=Instant(state, step.reference),
             action=torch.randn(num_envs, JOINTS, generator=generator),
             previous_action=torch.randn(num_envs, JOINTS, generator=generator),
             terminated=torch.rand(num_envs, generator=generator) < 0.5,

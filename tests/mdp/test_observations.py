@@ -1,14 +1,12 @@
 """Observations: what stands where, and base-frame transforms against SciPy."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
 from tlr_exp.mdp import observations
-from tlr_exp.motion.reference import ReferenceFrame
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.physics.state import PhysicsState
 
 NUM_ENVS = 3
@@ -49,8 +47,9 @@ def test_sizes_are_those_of_the_paper():
 
 
 def test_one_frame_of_the_history(unrelated, action, default_pose):
-    state = unrelated(NUM_ENVS).state
-    frame = observations.proprioception(state, action, default_pose)
+    step = unrelated(NUM_ENVS)
+    state = step.state
+    frame = observations.proprioception(step.instant, action, default_pose)
     assert frame.shape == (NUM_ENVS, 75)
     assert_near(frame[:, :23], state.qpos[:, 7:] - default_pose)
     assert_near(frame[:, 23:46], state.qvel[:, 6:] / 20)  # ASAP's scale 0.05
@@ -87,7 +86,7 @@ def test_history_shifts_by_one_frame_a_step_newest_first():
 def test_reference_observation(unrelated, action, default_pose):
     step = unrelated(NUM_ENVS)
     state, reference = step.state, step.reference
-    found = observations.reference_observation(state, reference, action, default_pose)
+    found = observations.reference_observation(step.instant, action, default_pose)
     assert found.shape == (NUM_ENVS, 244)
     parts = found.split([7, 3, 3, 23, 23, 23, 81, 81], dim=1)
     pose, lin_vel, ang_vel, joint_pos, joint_vel, last_action, body_pos, body_vel = parts
@@ -106,7 +105,7 @@ def test_reference_observation(unrelated, action, default_pose):
 def test_privileged_observation(unrelated):
     step = unrelated(NUM_ENVS)
     state, reference = step.state, step.reference
-    found = observations.privileged_observation(state, reference)
+    found = observations.privileged_observation(step.instant)
     assert found.shape == (NUM_ENVS, 165)
     for env in range(NUM_ENVS):
         assert_near(found[env, :3], 2 * to_base(state, env, state.qvel[env, :3]))
@@ -120,24 +119,24 @@ def test_what_the_base_sees_does_not_change_with_place_and_heading(unrelated, ac
     """Turn the world about z and shift it: only the base pose in the world may change."""
     step = unrelated(NUM_ENVS)
     turn, shift = Rotation.from_rotvec([0.0, 0.0, 2.1]), np.array([3.0, -2.0, 0.5])
-    moved_state, moved_reference = _moved(step.state, step.reference, turn, shift)
-    before = observations.reference_observation(step.state, step.reference, action, default_pose)
-    after = observations.reference_observation(moved_state, moved_reference, action, default_pose)
+    moved = _moved(step.instant, turn, shift)
+    before = observations.reference_observation(step.instant, action, default_pose)
+    after = observations.reference_observation(moved, action, default_pose)
     assert_near(after[:, 7:], before[:, 7:])
     assert not torch.allclose(after[:, :7], before[:, :7])
     assert_near(
-        observations.privileged_observation(moved_state, moved_reference),
-        observations.privileged_observation(step.state, step.reference),
+        observations.privileged_observation(moved),
+        observations.privileged_observation(step.instant),
     )
     assert_near(
-        observations.proprioception(moved_state, action, default_pose),
-        observations.proprioception(step.state, action, default_pose),
+        observations.proprioception(moved, action, default_pose),
+        observations.proprioception(step.instant, action, default_pose),
     )
 
 
-def _moved(
-    state: PhysicsState, reference: ReferenceFrame, turn: Rotation, shift: np.ndarray
-) -> tuple[PhysicsState, ReferenceFrame]:
+def _moved(instant: Instant, turn: Rotation, shift: np.ndarray) -> Instant:
+    state, reference = instant.state, instant.reference
+
     def turned(vectors: torch.Tensor) -> torch.Tensor:
         flat = turn.apply(vectors.reshape(-1, 3).double().numpy())
         return torch.tensor(flat, dtype=torch.float32).reshape(vectors.shape)
@@ -149,8 +148,11 @@ def _moved(
         quat = (turn * base_rotation(state, env)).as_quat(scalar_first=True)
         qpos[env, 3:7] = torch.tensor(quat)
     qvel[:, :3] = turned(qvel[:, :3])
-    moved = replace(state, qpos=qpos, qvel=qvel, body_pos_w=turned(state.body_pos_w) + offset)
-    return moved, reference._replace(
-        body_pos_w=turned(reference.body_pos_w) + offset,
-        body_lin_vel_w=turned(reference.body_lin_vel_w),
+    bodies = turned(state.body_pos_w) + offset
+    return Instant(
+        state._replace(qpos=qpos, qvel=qvel, body_pos_w=bodies),
+        reference._replace(
+            body_pos_w=turned(reference.body_pos_w) + offset,
+            body_lin_vel_w=turned(reference.body_lin_vel_w),
+        ),
     )

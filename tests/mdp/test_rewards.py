@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from tlr_exp import g1, keys
 from tlr_exp.mdp import rewards
+from tlr_exp.mdp.instant import Instant
 from tlr_exp.mdp.rewards import TERMS
+from tlr_exp.motion.reference import ReferenceFrame
 
 GOAL_TERMS = (
     *(keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL),
@@ -70,8 +72,7 @@ def test_environments_do_not_mix(name, unrelated):
     whole = TERMS[name](step, **constants_of(name))
     row = torch.tensor([4])
     alone = rewards.Transition(
-        step.state[row],
-        type(step.reference)(*(field[row] for field in step.reference)),
+        Instant(step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference))),
         step.action[row],
         step.previous_action[row],
         step.terminated[row],
@@ -134,6 +135,7 @@ def test_body_groups_by_hand(term, inside, outside, size, tracking):
     step = tracking()
     move(step, (outside,), by=(1.0, 1.0, 1.0))
     assert term(step, sigma=0.03 / size).item() == 1.0
+    step = tracking()
     move(step, (inside,), by=(0.0, 0.3, 0.0))
     assert term(step, sigma=0.03 / size).item() == pytest.approx(math.exp(-1.0), rel=1e-4)
 
@@ -160,13 +162,15 @@ def test_joint_vel_by_hand(tracking):
 def test_upper_layer_is_a_loop_over_bodies_in_numpy(unrelated, seed):
     step = unrelated(2, seed)
     for env in range(2):
-        state, reference = step.state[env], [field[env].double() for field in step.reference]
-        reference = dict(zip(type(step.reference)._fields, reference, strict=True))
+        state, reference = (
+            {name: value[env].double() for name, value in both._asdict().items()}
+            for both in (step.state, step.reference)
+        )
         errors = {"pos": 0.0, "rot": 0.0, "vel": 0.0, "ang_vel": 0.0}
         for body in range(27):
             turn = (
                 Rotation.from_quat(reference["body_quat_w"][body], scalar_first=True)
-                * Rotation.from_quat(state.body_quat_w[body], scalar_first=True).inv()
+                * Rotation.from_quat(state["body_quat_w"][body], scalar_first=True).inv()
             )
             errors["rot"] += np.linalg.norm(turn.as_rotvec()) ** 2 / 27
             for name, field, divisor in (
@@ -175,7 +179,7 @@ def test_upper_layer_is_a_loop_over_bodies_in_numpy(unrelated, seed):
                 ("ang_vel", "body_ang_vel_w", 27),
             ):
                 for axis in range(3):
-                    gap = reference[field][body, axis] - state.get(field)[body, axis].double()
+                    gap = reference[field][body, axis] - state[field][body, axis]
                     errors[name] += float(gap) ** 2 / divisor
         for name, error in errors.items():
             found = TERMS[f"body_{name}"](step, sigma=2.0)[env].item()
@@ -231,10 +235,10 @@ def test_limits_begin_exactly_at_the_edge_of_the_margin(place, edges, tracking):
     low, high = edges if isinstance(edges, tuple) else (-edges, edges)
     term = rewards.dof_pos_limits if field == "qpos" else rewards.dof_vel_limits
     for edge, beyond in ((low, low - 0.01), (high, high + 0.01)):
-        step.state.get(field)[:, columns] = edge
+        getattr(step.state, field)[:, columns] = edge
         assert term(step, margin=0.25).item() == 0.0
         # All joints 0.01 beyond: the mean is 0.01^2.
-        step.state.get(field)[:, columns] = beyond
+        getattr(step.state, field)[:, columns] = beyond
         assert term(step, margin=0.25).item() == pytest.approx(1e-4, rel=1e-3)
 
 

@@ -53,9 +53,8 @@ def assert_same_bits() -> Callable[[PhysicsState, PhysicsState], None]:
     """Asserts that two states are equal in every field, bit for bit."""
 
     def check(left: PhysicsState, right: PhysicsState) -> None:
-        expected = right.to_dict()
-        for name, value in left.to_dict().items():
-            assert torch.equal(value, expected[name]), f"{name} differs"
+        for name, value, expected in zip(left._fields, left, right, strict=True):
+            assert torch.equal(value, expected), f"{name} differs"
 
     return check
 

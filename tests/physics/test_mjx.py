@@ -30,7 +30,7 @@ def _run(physics: MjxPhysics, joint_targets: torch.Tensor) -> list[PhysicsState]
 
 
 def _others(state: PhysicsState, *left_out: int) -> PhysicsState:
-    return state[torch.tensor([i for i in range(NUM_ENVS) if i not in left_out])]
+    return state.at(torch.tensor([i for i in range(NUM_ENVS) if i not in left_out]))
 
 
 def test_reset_leaves_the_others_bit_for_bit(
@@ -60,7 +60,7 @@ def test_reset_in_any_order_puts_each_state_where_it_belongs(physics, start_stat
 
 
 def test_reset_of_nothing_changes_nothing(physics, assert_same_bits) -> None:
-    before = physics.state().clone()
+    before = physics.state().at(torch.arange(NUM_ENVS))
     physics.set_state(torch.empty(0, dtype=torch.int64), torch.zeros(0, 30), torch.zeros(0, 29))
     assert_same_bits(physics.state(), before)
 
@@ -70,7 +70,7 @@ def test_saved_state_continues_bit_for_bit(
 ) -> None:
     joint_targets = targets(NUM_ENVS, 30, 7)
     _run(physics, joint_targets[:10])
-    saved, instant = physics.state_dict(), physics.state().clone()
+    saved, instant = physics.state_dict(), physics.state().at(torch.arange(NUM_ENVS))
     expected = _run(physics, joint_targets[10:])
     physics.set_state(torch.arange(NUM_ENVS), *start_states(NUM_ENVS, 99))
     physics.load_state_dict(saved)
@@ -97,7 +97,7 @@ def test_nothing_writes_into_what_was_handed_out(
     """Memory is shared with JAX, which takes its arrays to be constant."""
     joint_targets = targets(NUM_ENVS, 3, 4)
     handed_out = [physics.state(), *_run(physics, joint_targets)]
-    kept = [state.clone() for state in handed_out]
+    kept = [state.at(torch.arange(NUM_ENVS)) for state in handed_out]
     saved = physics.state_dict()
     physics.set_state(torch.tensor([2, 4]), *start_states(2, 5))
     physics.load_state_dict(saved)

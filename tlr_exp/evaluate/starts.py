@@ -58,7 +58,7 @@ def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start
     last = env.reference.num_frames - 1
     evaluations, each = [], []
     for frame in start_frames(last - env.settings.reference_lead, starts):
-        env.first_frame = frame
+        env.starts.first_frame = frame
         evaluation = Evaluation(choice, *evaluate_policy(env, policy, env.term_names))
         evaluations.append(evaluation)
         each.append(Start(frame, frame / last, evaluation.result))

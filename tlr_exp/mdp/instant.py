@@ -1,4 +1,4 @@
-"""Robots beside their reference at one instant, and what functions of the MDP need of both."""
+"""Robots beside their reference at one instant, and what several functions need of both."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -69,6 +69,7 @@ class NativePhysics:
         foot_address = model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0]
         self._sensed_force = self._batch.bind("sensordata")[:, foot_address : foot_address + 6]
         self._bodies = _BodyReader(self._batch, robot)
+        self._unused = self._batch.state[0].copy()  # the whole state of a new simulation
         self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
         # The current instant, by the fields of PhysicsState. Handed out without a copy, so that
         # whatever changes it replaces the arrays and writes into none.
@@ -103,8 +104,8 @@ class NativePhysics:
         ids = env_ids.cpu().numpy()
         order = ids.argsort()
         ids = ids[order]
-        # reset discards what was written before it, so the new state is written after it.
-        self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        # Time, warm start and all else that a simulation continues from.
+        self._batch.state[ids] = self._unused
         self._qpos[ids] = qpos.cpu().numpy()[order]
         self._qvel[ids] = qvel.cpu().numpy()[order]
         with _engine_warnings():

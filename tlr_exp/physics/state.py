@@ -33,6 +33,10 @@ class PhysicsState(NamedTuple):
     joint_torque: Tensor  # [num_envs, 23] N m, after the effort limits
     foot_contact_force: Tensor  # [num_envs, 2, 3] N, net force on the left and the right foot
 
+    def at(self, env_ids: Tensor) -> "PhysicsState":
+        """The state of the environments ``env_ids`` [n] alone, a copy."""
+        return PhysicsState(*(values.index_select(0, env_ids) for values in self))
+
 
 def body_twist(
     cvel: np.ndarray, body_pos: np.ndarray, root_com: np.ndarray
