@@ -4,13 +4,13 @@
 
 trains the variants of ``variants.yaml`` (static arm; one thread a run, two runs at a time), stops
 those that are beaten, goes on where an earlier call was stopped, and draws all that it finds in
-the runs folder. ``--draw`` only draws.
+the runs folder, beside a CSV of the curves. ``--draw`` only draws.
 """
 
 import argparse
 from pathlib import Path
 
-from benchmarks.learning.curves import draw, read_curve, run_of
+from benchmarks.learning.curves import draw, read_curve, run_of, save
 from benchmarks.learning.training import train
 from benchmarks.learning.variants import load_variants
 
@@ -35,13 +35,15 @@ def main() -> None:
     runs_dir = arguments.runs.absolute()
     if not arguments.draw:
         train(variants, seeds, runs_dir, arguments.until, check_at, arguments.parallel)
-    found = {}
-    for variant in variants:
-        runs = [run_of(runs_dir / variant.name, seed) for seed in seeds]
-        curves = [read_curve(run) for run in runs if run is not None]
-        if curves:
-            found[variant.name] = curves
-            print(f"{variant.name:24} " + " | ".join(curve.summary() for curve in curves))
+    found = {
+        (variant.name, seed): read_curve(run)
+        for variant in variants
+        for seed in seeds
+        if (run := run_of(runs_dir / variant.name, seed)) is not None
+    }
+    for (name, seed), curve in found.items():
+        print(f"{name:16} seed {seed}  {curve.summary()}")
+    save(found, arguments.output.with_suffix(".csv"))
     draw(found, arguments.output)
     print(arguments.output)
 

@@ -1,12 +1,13 @@
 """What runs of a variant left behind: their curves, and a picture of them."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import yaml
 
 from tlr_exp import keys
@@ -20,6 +21,7 @@ COLUMNS = {
     "lower_m": keys.TRAIN_LOWER_BODY_ERROR,
     "seconds": f"{keys.TIME_PREFIX}iteration_s",
 }
+SAVED = ("env_steps", "episode_steps", "upper_m", "lower_m", "goal_return", "hours")
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,28 @@ def read_curve(run: Path | None) -> Curve:
     return Curve(columns)
 
 
-def draw(curves: Mapping[str, Sequence[Curve]], path: Path) -> None:
+def save(curves: Mapping[tuple[str, int], Curve], path: Path) -> None:
+    """Write all curves as one CSV: a row an iteration, named by variant and seed."""
+    frames = [
+        pd.DataFrame({"variant": variant, "seed": seed, **curve.columns}).assign(
+            iteration=lambda frame: np.arange(1, len(frame) + 1)
+        )
+        for (variant, seed), curve in curves.items()
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pd.concat(frames).to_csv(path, index=False, float_format="%.6g")
+
+
+def load(path: Path) -> dict[tuple[str, int], Curve]:
+    """The curves of a file that ``save`` wrote, by variant and seed, in its order."""
+    frame = pd.read_csv(path)
+    return {
+        (str(variant), int(seed)): Curve({name: rows[name].to_numpy() for name in SAVED})
+        for (variant, seed), rows in frame.groupby(["variant", "seed"], sort=False)
+    }
+
+
+def draw(curves: Mapping[tuple[str, int], Curve], path: Path) -> None:
     """Errors and episode length of every variant against control steps and against hours."""
     panels = {
         "episode_steps": ("mean episode (control steps)", 1.0),
@@ -81,24 +104,19 @@ def draw(curves: Mapping[str, Sequence[Curve]], path: Path) -> None:
     }
     axes_names = {"env_steps": ("control steps (million)", 1e-6), "hours": ("minutes", 60.0)}
     figure, grid = plt.subplots(2, 3, figsize=(13, 7.5), layout="constrained")
-    colors = plt.get_cmap("tab20").colors
+    names = list(dict.fromkeys(name for name, _ in curves))
+    colors = dict(zip(names, plt.get_cmap("tab20").colors * 2, strict=False))
     for row, (x_name, (x_label, x_scale)) in enumerate(axes_names.items()):
         for column, (y_name, (y_label, y_scale)) in enumerate(panels.items()):
             axes = grid[row, column]
-            for number, (name, runs) in enumerate(curves.items()):
-                for index, curve in enumerate(runs):
-                    axes.plot(
-                        x_scale * curve.columns[x_name],
-                        y_scale * _smooth(curve.columns[y_name]),
-                        color=colors[number % len(colors)],
-                        linewidth=1.2,
-                        label=name if index == 0 else None,
-                    )
+            for (name, _), curve in curves.items():
+                x, y = curve.columns[x_name], _smooth(curve.columns[y_name])
+                axes.plot(x_scale * x, y_scale * y, color=colors[name], linewidth=1.2)
             axes.set(xlabel=x_label, ylabel=y_label)
             axes.set_ylim(bottom=0)
             axes.grid(alpha=0.3)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right center", fontsize="small", frameon=False)
+    handles = [plt.Line2D([], [], color=color, label=name) for name, color in colors.items()]
+    figure.legend(handles=handles, loc="outside right center", fontsize="small", frameon=False)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
