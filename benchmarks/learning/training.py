@@ -78,7 +78,7 @@ def train(
                 running[-1].start()
             time.sleep(POLL_S)
             for job in running:
-                _judge(job, jobs, until, check_at)
+                judge(job, jobs, until, check_at)
             for job in [job for job in running if job.process and job.process.poll() is not None]:
                 running.remove(job)
                 print(_line(job), flush=True)
@@ -90,7 +90,8 @@ def train(
                 job.process.wait()
 
 
-def _judge(job: Job, jobs: Sequence[Job], until: int, check_at: Sequence[int]) -> None:
+def judge(job: Job, jobs: Sequence[Job], until: int, check_at: Sequence[int]) -> None:
+    """Stop the run at ``until``, or where it is beaten at an iteration of ``check_at``."""
     curve = job.curve()
     if curve.iterations >= until:
         job.stop(f"reached iteration {until}")
