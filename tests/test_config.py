@@ -70,7 +70,8 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
     [
         ("ppo.gamma=abc", ["ppo.gamma", "abc"]),
         ("ppo.gamma=1.5", ["ppo.gamma is 1.5", "from 0 to 1"]),
-        ("seed=-1", ["seed is -1", "at least 0"]),
+        ("seed=-1", ["seed is -1", "from 0 to 2^63 - 1"]),
+        ("seed=9223372036854775808", ["seed is 9223372036854775808", "from 0 to 2^63 - 1"]),
         ("env.observation=images", ["env.observation", "history, reference"]),
         ("env.robot.gains=soft", ["env.robot.gains", "beyondmimic, asap"]),
         ("optimizer.pack_size=2", ["optimizer.pack_size is 2", "at least 3"]),

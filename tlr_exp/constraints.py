@@ -58,7 +58,7 @@ _LAYERS = Constraint(
 )
 
 CONSTRAINTS: Mapping[str, Constraint] = {
-    "seed": at_least(0),
+    "seed": Constraint("from 0 to 2^63 - 1", lambda value: 0 <= value < 2**63),
     "device": _DEVICE,
     "num_threads": at_least(0),
     "precision": one_of(PRECISIONS),

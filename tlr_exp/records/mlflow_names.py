@@ -60,6 +60,7 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
         "identity": manifest.get("identity"),
         "seed": manifest.get("seed"),
         "device": machine.get("device"),
+        "precision": manifest.get("precision"),
         "host": machine.get("host"),
         "cpu_model": machine.get("cpu_model"),
         "git_commit": git.get("commit"),
