@@ -6,7 +6,8 @@ import shutil
 
 import pytest
 
-from tlr_exp.config import ConfigError, run_identity
+from tlr_exp.config import ConfigError
+from tlr_exp.identity import run_identity
 from tlr_exp.input_files import file_hashes
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.extending import extensions, total_iterations

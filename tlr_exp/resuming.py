@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from tlr_exp.config import (
-    NOT_IDENTITY,
     ConfigError,
     load_settings,
     of_any_version,
-    run_identity,
     value_at,
     with_value,
 )
 from tlr_exp.constraints import RESUME_MODES
+from tlr_exp.identity import NOT_IDENTITY, run_identity
 from tlr_exp.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.past_runs import check_files, with_kept_motion
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
