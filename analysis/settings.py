@@ -14,7 +14,7 @@ OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
 SEED = "seed"
 RECIPE = "recipe"  # runs from before it had a name learned by the paper's
 
-# Keys that change where or how a run is made, not what it learns; as tlr_exp.config.NOT_IDENTITY,
+# Keys that change where or how a run is made, not what it learns; as tlr_exp.identity.NOT_IDENTITY,
 # which the analysis cannot import. A test compares the two.
 NOT_LEARNED = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),

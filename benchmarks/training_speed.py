@@ -4,7 +4,9 @@
     python benchmarks/training_speed.py --against ../before --threads 1
 
 Both train in turns, in processes of their own, so that a machine that changes its pace changes it
-for both. Arguments after ``--`` are overrides for this checkout alone.
+for both. Arguments after ``--`` are overrides for this checkout alone: against one from before
+there were recipes, ``-- recipe=paper`` compares the speed of the same learning; without it the
+recipes differ, too.
 """
 
 import argparse
@@ -18,6 +20,15 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
 PHASES = ("collect", "weights", "advantage", "update", "landscape", "iteration")
+# tlr-train of a checkout by its own conf/, which lies beside the package: left alone, Python takes
+# that of the installed checkout.
+LAUNCH = """
+import sys
+import tlr_exp
+tlr_exp.__path__.append(sys.argv.pop(1))
+from tlr_exp.train import main
+main()
+"""
 
 
 def main() -> None:
@@ -52,8 +63,11 @@ def train(checkout: Path, overrides: list[str]) -> list[dict[str, float]]:
     """Seconds of every phase of every iteration but the first (and the last, which evaluates)."""
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "tlr_exp.train", *overrides, f"runs_dir={folder}"]
-        subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True)
+        command = [sys.executable, "-c", LAUNCH, str(checkout), *overrides, f"runs_dir={folder}"]
+        # What goes wrong is said on stderr.
+        subprocess.run(
+            command, cwd=checkout, env=environment, check=True, stdout=subprocess.DEVNULL
+        )
         (metrics,) = Path(folder).rglob("metrics.jsonl")
         rows = [json.loads(line) for line in metrics.read_text().splitlines()][1:-1]
     return [{phase: row[f"time/{phase}_s"] for phase in PHASES} for row in rows]

@@ -6,7 +6,8 @@ import shutil
 
 import pytest
 
-from tlr_exp.config import ConfigError, run_identity
+from tlr_exp.config import ConfigError
+from tlr_exp.identity import run_identity
 from tlr_exp.input_files import file_hashes
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.extending import extensions, total_iterations
@@ -95,6 +96,21 @@ def test_what_would_change_the_run_is_refused_by_name_unless_it_is_so_already(ru
     assert resume(run, "seed=3", "optimizer=gwo").settings.seed == 3
     with pytest.raises(ConfigError, match=r"study: .*where it lies; move its folder"):
         resume(run, "study=other")
+
+
+def test_the_name_of_another_recipe_is_refused(run, resume):
+    assert resume(run, "recipe=paper").settings.recipe == "paper"
+    with pytest.raises(ConfigError, match="to change recipe"):
+        resume(run, "recipe=fast")
+
+
+def test_a_group_whose_other_words_are_not_learned_from_is_the_run_s_own(make_run, resume):
+    scale = ("scale=laptop", "scale.num_envs=512", "scale.iterations=407")
+    run = make_run(*scale, "scale.evidence=in other words", "physics.num_threads=3")
+    settings = resume(run, "scale=laptop", "physics=native").settings
+    assert (settings.scale.evidence, settings.physics["num_threads"]) == ("in other words", 3)
+    with pytest.raises(ConfigError, match="to change scale"):
+        resume(run, "scale=paper")
 
 
 def test_a_key_that_the_run_does_not_have_is_refused(run, resume, settings_of):

@@ -22,22 +22,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tlr_exp import keys
 from tlr_exp.constraints import violations
-from tlr_exp.input_files import INITIAL, MODEL, MOTION, file_hashes, is_motion_path
+from tlr_exp.input_files import INITIAL, is_motion_path
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
-from tlr_exp.records.runs import config_hash
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
-
-# Keys that change where or how a run is made, not what it learns.
-NOT_IDENTITY = (
-    *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
-    *("precision", "recipe"),
-    *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
-    "scale.keep_checkpoints",
-)
-
 
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
 ADDED_KEYS: dict[str, Any] = {
@@ -48,9 +38,6 @@ ADDED_KEYS: dict[str, Any] = {
     "ppo.decay_from": 0.0,
     INITIAL: None,
 }
-# The others of these have no part in a run's identity while they have the value above, so that runs
-# keep the identity that they were made with. This one has counted from its first day.
-ALWAYS_IDENTITY = ("reward.penalty_scale",)
 
 
 class ConfigError(ValueError):
@@ -86,31 +73,6 @@ def _initial_file(config: Mapping[str, Any]) -> str | None:
         return str(initial_checkpoint(Path(config[INITIAL]).absolute()))
     except ValueError as error:
         raise ConfigError(f"{INITIAL}: {error}") from error
-
-
-def run_identity(config: Mapping[str, Any], hashes: Mapping[str, str] | None = None) -> str:
-    """8 hex digits of a plain configuration, in which files count by what they hold.
-
-    Two runs of the same identity learn the same, wherever their files lie and whatever they are
-    called. A key that came later and has the value that earlier runs had does not count.
-
-    Args:
-        config: the plain configuration.
-        hashes: of its files, where what they held once counts; by default of what they hold now.
-
-    Raises:
-        FileNotFoundError: a file that the configuration names is not there.
-    """
-    hashes = file_hashes(config) if hashes is None else hashes
-    robot = {**config["env"]["robot"], "mjcf": hashes.get(MODEL)}
-    env = {**config["env"], "motion": hashes[MOTION], "robot": robot}
-    counted = {**config, "env": env, INITIAL: hashes.get(INITIAL)}
-    as_before = [key for key, value in _later_keys().items() if value_at(counted, key) == value]
-    return config_hash(counted, (*NOT_IDENTITY, *as_before))
-
-
-def _later_keys() -> dict[str, Any]:
-    return {key: value for key, value in ADDED_KEYS.items() if key not in ALWAYS_IDENTITY}
 
 
 def value_at(config: Mapping[str, Any], key: str) -> Any:

@@ -61,8 +61,8 @@ class RunningNorm(nn.Module):
 class MixedPrecisionMlp(MLP):
     """A multilayer perceptron whose hidden layers multiply in ``precision``; see ``set_precision``.
 
-    Sums of products, parameters and outputs stay float32 in bfloat16, too (PyTorch's autocast), and
-    so does the last layer: eight digits of a value are too few to tell it from the next one.
+    In bfloat16, parameters, sums of products and outputs stay float32, too (PyTorch's autocast),
+    and so does the last layer: eight binary digits do not tell a value from that of the next state.
     """
 
     precision = FLOAT32

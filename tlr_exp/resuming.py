@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from tlr_exp.config import (
-    NOT_IDENTITY,
     ConfigError,
     load_settings,
     of_any_version,
-    run_identity,
     value_at,
     with_value,
 )
 from tlr_exp.constraints import RESUME_MODES
+from tlr_exp.identity import NOT_IDENTITY, run_identity
 from tlr_exp.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.past_runs import check_files, with_kept_motion
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
@@ -27,7 +26,8 @@ from tlr_exp.settings import Settings
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
-_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", *_PLACE))
+# A recipe is a name for values: the name alone would say of the run what it is not.
+_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", "recipe", *_PLACE))
 # The manifest's entry of a policy that was written as a folder by itself.
 _POLICY = "policy"
 
@@ -146,9 +146,25 @@ def store_of_run(run: RunDirectory) -> str:
 def _changed(
     keys: Sequence[str], asked: Mapping[str, Any], config: Mapping[str, Any]
 ) -> dict[str, None]:
-    """The overridden keys, once each, without those that say what the run's configuration says."""
+    """The overridden keys, once each, without those that say what the run's configuration says.
+
+    A whole group, such as ``scale=laptop``, says so, too, where it differs in nothing that is
+    learned: the run keeps its own words and number of threads.
+    """
     dotted = dict.fromkeys(key.replace("/", ".") for key in keys if key != "resume")
-    return dict.fromkeys(key for key in dotted if value_at(asked, key) != value_at(config, key))
+    return dict.fromkeys(
+        key
+        for key in dotted
+        if _learned(key, value_at(asked, key)) != _learned(key, value_at(config, key))
+    )
+
+
+def _learned(key: str, value: Any) -> Any:
+    """A value; of a group, its keys that change what is learned."""
+    if not isinstance(value, Mapping):
+        return value
+    inner = {name: f"{key}.{name}" for name in value if f"{key}.{name}" not in NOT_IDENTITY}
+    return {name: _learned(dotted, value[name]) for name, dotted in inner.items()}
 
 
 def _check_changes(

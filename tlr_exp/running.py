@@ -10,8 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tlr_exp.config import ConfigError, instantiate, run_identity
+from tlr_exp.config import ConfigError, instantiate
 from tlr_exp.g1 import CONTROL_DT_S
+from tlr_exp.identity import run_identity
 from tlr_exp.input_files import file_hashes
 from tlr_exp.records.extending import complete_extension
 from tlr_exp.records.mirror import (

@@ -5,7 +5,7 @@ from run_records import GWO, index, lines_of, records, set_in, with_setting
 
 from analysis.check import checked
 from analysis.settings import NOT_LEARNED, arm_labels, flat
-from tlr_exp.config import NOT_IDENTITY
+from tlr_exp.identity import NOT_IDENTITY
 
 
 def test_ignored_settings_are_those_that_training_ignores() -> None:

@@ -117,7 +117,7 @@ def test_a_sweep_has_runs_of_its_own_and_goes_on_with_no_other(multirun, tmp_pat
 
 
 def test_the_jobs_of_a_sweep_may_begin_with_a_policy(multirun, untrained_run):
-    small = ("optimizer=fixed,gwo", "ppo.hidden_sizes=[16]", "env.motion=stand")
+    small = ("recipe=paper", "optimizer=fixed,gwo", "ppo.hidden_sizes=[16]", "env.motion=stand")
     begun, fresh = (
         make_plan(multirun(*small, *more)) for more in ([f"init_from={untrained_run}"], [])
     )

@@ -20,10 +20,10 @@ from tlr_exp.config import (
     ConfigError,
     load_settings,
     plain_config,
-    run_identity,
     with_absolute_paths,
 )
 from tlr_exp.cores import available_cores
+from tlr_exp.identity import run_identity
 from tlr_exp.input_files import INITIAL
 from tlr_exp.records.runs import config_hash
 from tlr_exp.resuming import is_run
