@@ -144,7 +144,9 @@ class Training:
         """The deterministic policy over the whole motion."""
         actor = self.trainer.ppo.actor
         with in_float32(actor):
-            _, result = evaluate_policy(self.evaluation_env, actor, self.evaluation_env.term_names)
+            ((_, result),) = evaluate_policy(
+                self.evaluation_env, actor, self.evaluation_env.term_names
+            )
         return result
 
     def _save(self, iteration: int, score: float | None) -> None:

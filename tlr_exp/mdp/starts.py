@@ -17,6 +17,17 @@ AVERAGING_RATE = 0.001  # of the moving average, a control step: about the last 
 KERNEL = (1.0, 0.8, 0.64)
 
 
+def even_frames(num_starts: int, count: int, key: str) -> list[int]:
+    """``count`` of the frames 0 .. num_starts - 1 in which an episode can start, evenly, 0 first.
+
+    Raises:
+        ValueError: there are fewer than that; ``key`` says where the count comes from.
+    """
+    if count > num_starts:
+        raise ValueError(f"{key} is {count}; the motion has only {num_starts} steps")
+    return [number * num_starts // count for number in range(count)]
+
+
 class StartFrames:
     """Draws the frames in which episodes start.
 
@@ -27,7 +38,6 @@ class StartFrames:
         device: where frames are drawn.
 
     Attributes:
-        first_frame: where episodes start with ``zero``.
         failures: moving average of the failures a control step in each bin, [num_bins].
     """
 
@@ -35,7 +45,6 @@ class StartFrames:
         self.choice = choice
         self.num_starts = num_starts
         self.device = device
-        self.first_frame = 0
         num_bins = max(1, round(num_starts / (BIN_S * fps)))
         # Whole frames, so that bins may differ by one frame.
         bounds = torch.arange(num_bins + 1, device=device) * num_starts // num_bins
@@ -46,7 +55,7 @@ class StartFrames:
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Frames in which ``count`` episodes start, [count] int64."""
         if self.choice == "zero":
-            return torch.full((count,), self.first_frame, device=self.device)
+            return torch.zeros(count, dtype=torch.int64, device=self.device)
         if self.choice == "random":
             size = (count,)
             return torch.randint(self.num_starts, size, generator=generator, device=self.device)
