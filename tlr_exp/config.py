@@ -34,8 +34,8 @@ CONFIG_PATH = "pkg://tlr_exp.conf"
 NOT_IDENTITY = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
     *("precision", "recipe"),
-    *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
-    "scale.keep_checkpoints",
+    *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
+    *("scale.checkpoint_every", "scale.keep_checkpoints"),
 )
 
 
@@ -43,6 +43,7 @@ NOT_IDENTITY = (
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "precision": "float32",
+    "scale.evaluate_starts": 1,
     "recipe": "paper",
     "ppo.final_learning_rate": None,
     "ppo.decay_from": 0.0,

@@ -3,8 +3,10 @@
 The measures are pure functions on arrays; ``rollout`` makes the arrays from an environment.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -85,6 +87,11 @@ class EvaluationResult:
     latency_reason: str
     unstable_steps: int
     terms: dict[str, float]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether training would never have ended the episode."""
+        return self.survival == 1.0
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
@@ -184,6 +191,24 @@ def evaluate_policy(
         (trajectory, evaluate_trajectory(trajectory, limits.max_tilt, limits.distance_end_m))
         for trajectory in rollout(env, policy, term_names)
     ]
+
+
+def mean_metrics(results: Sequence[EvaluationResult]) -> dict[str, float]:
+    """The ``eval/...`` metrics of several roll-outs: the means of theirs; of one, its own.
+
+    Roll-outs that lack a number (a short one has no latency) do not count in its mean; it is NaN
+    where all lack it. Of several there is ``eval/success``, too: the share that succeeded.
+    """
+    each = [result.metrics() for result in results]
+    means = {name: _mean_of_known([metrics[name] for metrics in each]) for name in each[0]}
+    if len(results) > 1:
+        means[keys.EVAL_SUCCESS] = fmean(result.succeeded for result in results)
+    return means
+
+
+def _mean_of_known(values: Sequence[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return fmean(known) if known else math.nan
 
 
 def _to_numpy(tensor: torch.Tensor) -> np.ndarray:

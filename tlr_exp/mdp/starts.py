@@ -7,6 +7,8 @@ failures are counted in the bin in which they happen, and starts are drawn where
 import torch
 from torch import Tensor
 
+from tlr_exp.constraints import check_starts
+
 # As in BeyondMimic's code. A second is about the time from a mistake to a fall: shorter bins would
 # hold too few failures to compare, longer ones would repeat more than what went wrong.
 BIN_S = 1.0
@@ -23,8 +25,7 @@ def even_frames(num_starts: int, count: int, key: str) -> list[int]:
     Raises:
         ValueError: there are fewer than that; ``key`` says where the count comes from.
     """
-    if count > num_starts:
-        raise ValueError(f"{key} is {count}; the motion has only {num_starts} steps")
+    check_starts(key, count, num_starts)
     return [number * num_starts // count for number in range(count)]
 
 
