@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tlr_exp.evaluate.choosing import Choice
 from tlr_exp.evaluate.policies import Evaluation, prepare
+from tlr_exp.evaluate.records import origin_of
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 
 # What is summed up, with its heading, its factor and the decimals in the table.
@@ -74,6 +75,12 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
         "min": min(values),
         "max": max(values),
     }
+
+
+def record_of(evaluation: Evaluation, each: Sequence[Start]) -> dict[str, Any]:
+    """The evaluation from phase 0 as a record; of several starts with all of them."""
+    record = {**origin_of(evaluation.choice), **evaluation.result.to_dict()}
+    return {**record, "starts": starts_record(each)} if len(each) > 1 else record
 
 
 def starts_record(each: Sequence[Start]) -> dict[str, Any]:
