@@ -31,6 +31,7 @@ QUANTITIES = {
     f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
     f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),
     f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of motion", True),
+    keys.EVAL_SUCCESS: Quantity("Success, evaluation", "share of roll-outs", True),
     f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of motion", True),
 }
 

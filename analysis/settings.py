@@ -18,11 +18,14 @@ RECIPE = "recipe"  # runs from before it had a name learned by the paper's
 # which the analysis cannot import. A test compares the two.
 NOT_LEARNED = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
-    *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
-    *("scale.keep_checkpoints", "precision", "recipe"),
+    *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
+    *("scale.checkpoint_every", "scale.keep_checkpoints", "precision", "recipe"),
 )
 # Of these, the ones that change what is measured, and so are said.
-TOLD = ("num_threads", "physics.num_threads", "precision", "scale.evaluate_every")
+TOLD = (
+    *("num_threads", "physics.num_threads", "precision"),
+    *("scale.evaluate_every", "scale.evaluate_starts"),
+)
 
 ABSENT = object()  # in place of the value of a key that a configuration does not have
 

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from tlr_exp import evaluate
-from tlr_exp.evaluate.starts import Start, start_frames, starts_table, summary
+from tlr_exp.evaluate.starts import Start, starts_table, summary
 from tlr_exp.evaluation import EvaluationResult
 
 
@@ -17,14 +17,6 @@ def result(survival: float, latency_ms: float | None) -> EvaluationResult:
         unstable_steps=0,
         terms={},
     )
-
-
-def test_starts_are_evenly_spaced_and_begin_at_zero():
-    assert start_frames(39, 1) == [0]
-    assert start_frames(40, 4) == [0, 10, 20, 30]
-    assert start_frames(39, 39) == list(range(39))
-    with pytest.raises(ValueError, match="--starts is 40; the motion has only 39 steps"):
-        start_frames(39, 40)
 
 
 def test_mean_and_spread_by_hand():
@@ -51,14 +43,17 @@ def test_the_first_roll_out_is_the_one_without_starts(untrained_run, tmp_path, c
     alone = json.loads((tmp_path / "000005-native.json").read_text())
     record = json.loads((tmp_path / "000005-native-3starts.json").read_text())
     starts = record.pop("starts")
-    assert record == alone
+    # The network's matrix products may round otherwise in a batch.
+    terms = record.pop("terms")
+    assert terms == pytest.approx(alone.pop("terms"), rel=1e-4, abs=1e-7)
+    assert record == {
+        key: pytest.approx(value, rel=1e-4) if isinstance(value, float) else value
+        for key, value in alone.items()
+    }
     assert starts["count"] == 3
     first, *others = starts["each"]
-    assert first == {
-        "start_frame": 0,
-        "start_phase": 0.0,
-        **{key: alone[key] for key in first if key in alone},
-    }
+    assert (first.pop("start_frame"), first.pop("start_phase")) == (0, 0.0)
+    assert first == {**{key: record[key] for key in first if key in record}, "terms": terms}
     # 39 steps, of the 41 frames one being the start and one the lead.
     assert [start["start_frame"] for start in others] == [13, 26]
     assert [start["num_steps"] for start in others] == [26, 13]

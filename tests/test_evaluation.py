@@ -215,14 +215,16 @@ def still_policy(tensordict):
     return tensordict.set(keys.ACTION, action)
 
 
-def evaluation_env(make_env, **arguments):
-    return make_env("env.start_phase=zero", failures=False, num_envs=1, **arguments)
+def evaluation_env(make_env, frames=(0,), **arguments):
+    env = make_env("env.start_phase=zero", failures=False, num_envs=len(frames), **arguments)
+    env.start_at(frames)
+    return env
 
 
 def test_rollout_follows_the_motion_to_its_end(make_env, short_clip, settings_of):
     env = evaluation_env(make_env)
     names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
-    trajectory = rollout(env, still_policy, names)
+    (trajectory,) = rollout(env, still_policy, names)
     lead = env.settings.reference_lead
     assert trajectory.num_steps == short_clip.num_frames - 1 - lead
     # Row k is after step k + 1, with the reference of that instant read `lead` steps ahead.
@@ -244,7 +246,7 @@ def test_rollout_follows_the_motion_to_its_end(make_env, short_clip, settings_of
 def test_measures_agree_with_what_the_environment_reports(make_env, settings_of):
     env = evaluation_env(make_env)
     names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
-    result = evaluate_trajectory(rollout(env, still_policy, names), 0.8, 0.3)
+    result = evaluate_trajectory(*rollout(env, still_policy, names), 0.8, 0.3)
     now = env.reset()
     reported = {key: [] for key in (keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR)}
     terms = []
@@ -264,7 +266,8 @@ def test_measures_agree_with_what_the_environment_reports(make_env, settings_of)
 
 def test_rollout_can_be_cut_short_and_refuses_what_ends_early(make_env, settings_of):
     names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
-    assert rollout(evaluation_env(make_env), still_policy, names, num_steps=3).num_steps == 3
+    (trajectory,) = rollout(evaluation_env(make_env), still_policy, names, num_steps=3)
+    assert trajectory.num_steps == 3
     with pytest.raises(ValueError, match="failures=False"):
         rollout(make_env(num_envs=1), still_policy, names)
     with pytest.raises(ValueError, match="1 term names"):
@@ -281,9 +284,51 @@ def test_rollout_uses_the_mean_action_and_no_random_number(make_env, settings_of
         torch.Generator().manual_seed(0),
     )
     before = torch.get_rng_state()
-    runs = [rollout(evaluation_env(make_env), actor, names, num_steps=5) for _ in range(2)]
+    runs = [*(rollout(evaluation_env(make_env), actor, names, num_steps=5)[0] for _ in range(2))]
     np.testing.assert_array_equal(runs[0].qpos, runs[1].qpos)
     assert torch.equal(torch.get_rng_state(), before)
+
+
+def arrays_of(trajectory):
+    names = ("qpos", "reference_qpos", "body_pos_w", "reference_body_pos_w", "unstable")
+    return {name: getattr(trajectory, name) for name in names} | trajectory.terms
+
+
+def test_robots_of_a_batch_do_what_each_does_alone(make_env, settings_of):
+    """To the bit with a policy without matrix products, whose rounding may know the batch."""
+    names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
+    frames = (0, 30, 11)
+
+    def policy(tensordict):
+        return tensordict.set(keys.ACTION, 0.3 * torch.sin(tensordict[keys.OBSERVATION][:, :23]))
+
+    together = rollout(evaluation_env(make_env, frames), policy, names)
+    assert [trajectory.num_steps for trajectory in together] == [39, 9, 28]
+    for frame, in_batch in zip(frames, together, strict=True):
+        (alone,) = rollout(evaluation_env(make_env, (frame,)), policy, names)
+        for name, values in arrays_of(alone).items():
+            np.testing.assert_array_equal(arrays_of(in_batch)[name], values, err_msg=name)
+
+
+def test_a_network_s_batch_differs_from_single_roll_outs_by_rounding_alone(make_env, settings_of):
+    settings_ = settings_of("ppo.hidden_sizes=[64,64]")
+    names = tuple(settings_.reward.goal) + tuple(settings_.reward.optimizing)
+    generator = torch.Generator().manual_seed(0)
+    dim = OBSERVATION_DIMS["history"]
+    actor = build_actor(dim, g1.NUM_JOINTS, settings_.ppo, generator)
+    frames = tuple(range(0, 32, 2))
+    together = rollout(evaluation_env(make_env, frames), actor, names)
+    for frame, in_batch in zip(frames, together, strict=True):
+        (alone,) = rollout(evaluation_env(make_env, (frame,)), actor, names)
+        # Rounding of 1e-7 a step, which contacts amplify; a robot at another's frame is off by cm.
+        np.testing.assert_allclose(in_batch.qpos, alone.qpos, rtol=0, atol=1e-3)
+        np.testing.assert_allclose(in_batch.body_pos_w, alone.body_pos_w, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("frames", [(0,), (0, 39), (-1, 0)])
+def test_start_frames_that_do_not_fit_are_refused(make_env, frames):
+    with pytest.raises(ValueError, match=r"needed are 2, one for each robot, from 0 to 38"):
+        make_env(num_envs=2).start_at(frames)
 
 
 def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
@@ -306,7 +351,7 @@ def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
             action = (target - env.default_joint_pos) / env.action_scale
             return tensordict.set(keys.ACTION, action)
 
-        trajectory = rollout(env, policy, tuple(keys.TERM_NAMES)[: len(env.terms)])
+        (trajectory,) = rollout(env, policy, tuple(keys.TERM_NAMES)[: len(env.terms)])
         found = latency(trajectory.reference_qpos[:, 7:], trajectory.qpos[:, 7:], DT)
         assert found.ms is not None, found.reason
         return found.ms

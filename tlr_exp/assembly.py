@@ -16,6 +16,7 @@ from tlr_exp.config import ConfigError, instantiate
 from tlr_exp.env import TrackingEnv
 from tlr_exp.landscape import BoxSample
 from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
+from tlr_exp.mdp.starts import even_frames
 from tlr_exp.motion.clip import MotionClip, resample
 from tlr_exp.motion.keyframes import load_motion
 from tlr_exp.motion.reference import Reference
@@ -74,11 +75,18 @@ def build_env(settings: Settings, robot: Robot, clip: MotionClip) -> TrackingEnv
 
 
 def build_evaluation_env(
-    settings: Settings, robot: Robot, clip: MotionClip, num_envs: int = 1
+    settings: Settings,
+    robot: Robot,
+    clip: MotionClip,
+    starts: int = 1,
+    key: str = "scale.evaluate_starts",
 ) -> TrackingEnv:
-    """One robot from phase 0, without noise, whose episode no failure ends.
+    """A robot for each of ``starts`` evenly spaced phases, 0 first; no noise, no end by a failure.
 
     It reports every lower-layer term of the paper, also those that the run's reward has not.
+
+    Raises:
+        ConfigError: the motion is too short for so many; ``key`` says where the number comes from.
     """
     settings = copy.deepcopy(settings)
     for name in keys.PAPER_LOWER_LAYER:
@@ -88,7 +96,13 @@ def build_evaluation_env(
             settings.reward.parameters[name] = margins
     no_noise = ResetNoise(*(0.0 for _ in dataclasses.fields(ResetNoise)))
     env_settings = dataclasses.replace(settings.env, start_phase="zero", reset_noise=no_noise)
-    return _build_env(settings, env_settings, robot, clip, num_envs, failures=False)
+    try:
+        frames = even_frames(clip.num_frames - 1 - settings.env.reference_lead, starts, key)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    env = _build_env(settings, env_settings, robot, clip, starts, failures=False)
+    env.start_at(frames)
+    return env
 
 
 def _build_env(

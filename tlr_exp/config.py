@@ -33,6 +33,7 @@ CONFIG_PATH = "pkg://tlr_exp.conf"
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "precision": "float32",
+    "scale.evaluate_starts": 1,
     "recipe": "paper",
     "ppo.final_learning_rate": None,
     "ppo.decay_from": 0.0,

@@ -130,6 +130,7 @@ CONSTRAINTS: Mapping[str, Constraint] = {
     "scale.num_envs": at_least(1),
     "scale.iterations": at_least(1),
     "scale.evaluate_every": at_least(1),
+    "scale.evaluate_starts": at_least(1),
     "scale.checkpoint_every": at_least(1),
     "scale.keep_checkpoints": at_least(1),
 }
@@ -143,6 +144,16 @@ def check_choice(key: str, value: str, allowed: Sequence[str]) -> None:
     """
     if value not in allowed:
         raise ValueError(f"{key} is {value!r}; allowed are {', '.join(allowed)}")
+
+
+def check_starts(key: str, starts: int, num_steps: int) -> None:
+    """Refuse more start phases than a motion of ``num_steps`` control steps has.
+
+    Raises:
+        ValueError: names the key and both numbers.
+    """
+    if starts > num_steps:
+        raise ValueError(f"{key} is {starts}; the motion has only {num_steps} steps")
 
 
 def violations(config: Mapping[str, Any]) -> list[str]:

@@ -4,7 +4,7 @@ It reports raw reward terms and no reward: how terms are weighted is decided aft
 (``tlr_exp.reward``).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -85,6 +85,7 @@ class TrackingEnv(EnvBase):
         # The reference is read ahead, and an episode has one step at least.
         num_starts = reference.num_frames - 1 - settings.reference_lead
         self.starts = StartFrames(settings.start_phase, num_starts, reference.fps, self.device)
+        self._frames: Tensor | None = None
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()
@@ -228,8 +229,25 @@ class TrackingEnv(EnvBase):
             self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
         return self._reset_output()
 
+    def start_at(self, frames: Sequence[int]) -> None:
+        """From now on every episode of robot i starts in frame ``frames[i]`` of the motion.
+
+        Raises:
+            ValueError: not one frame for each robot, or no episode can start there.
+        """
+        allowed = self.starts.num_starts
+        if len(frames) != self.batch_size[0] or not all(0 <= frame < allowed for frame in frames):
+            raise ValueError(
+                f"start frames are {list(frames)}; needed are {self.batch_size[0]}, one for each "
+                f"robot, from 0 to {allowed - 1}"
+            )
+        self._frames = torch.tensor(frames, dtype=torch.int64, device=self.device)
+
     def _start_episodes(self, env_ids: Tensor) -> None:
-        start = self.starts.draw(len(env_ids), self.generator)
+        if self._frames is None:
+            start = self.starts.draw(len(env_ids), self.generator)
+        else:
+            start = self._frames.index_select(0, env_ids)
         reference = self.reference.frame(start)
         qpos, qvel = perturb(
             reference.qpos,

@@ -1,10 +1,12 @@
-"""How well a motion was tracked: one deterministic roll-out, and what is measured on it.
+"""How well a motion was tracked: deterministic roll-outs, and what is measured on them.
 
 The measures are pure functions on arrays; ``rollout`` makes the arrays from an environment.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -86,6 +88,11 @@ class EvaluationResult:
     unstable_steps: int
     terms: dict[str, float]
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether training would never have ended the episode."""
+        return self.survival == 1.0
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
         return asdict(self)
@@ -108,11 +115,13 @@ def rollout(
     policy: Callable[[TensorDictBase], TensorDictBase],
     term_names: Sequence[str],
     num_steps: int | None = None,
-) -> Trajectory:
-    """Let the policy act without exploration noise until the motion ends; follow environment 0.
+) -> list[Trajectory]:
+    """Let the policy act without exploration noise until the motion ends; one item per robot.
+
+    All robots step together; the trajectory of each ends where its motion does.
 
     Args:
-        env: a ``TrackingEnv`` that starts at phase 0, without noise and without failures.
+        env: a ``TrackingEnv`` that starts at known frames, without noise and without failures.
         policy: writes the action into a tensordict that holds the observation.
         term_names: the environment's reward terms, in order.
         num_steps: stop after this many control steps; the whole motion by default.
@@ -122,7 +131,6 @@ def rollout(
     """
     if env.failures:
         raise ValueError("an evaluation needs an environment with failures=False")
-    available = env.reference.num_frames - 1 - env.settings.reference_lead
     rows: dict[str, list[torch.Tensor]] = {
         "qpos": [],
         "body_pos_w": [],
@@ -131,27 +139,41 @@ def rollout(
     }
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         now = env.reset()
-        start = int(env.start_frame[0])
-        for _ in range(min(num_steps or available, available - start)):
+        starts = env.start_frame.tolist()
+        available = env.reference.num_frames - 1 - env.settings.reference_lead
+        lengths = [min(num_steps or available, available - start) for start in starts]
+        for _ in range(max(lengths)):
             stepped = env.step(policy(now))
-            rows["qpos"].append(env.state.qpos[0])
-            rows["body_pos_w"].append(env.state.body_pos_w[0])
-            rows["terms"].append(stepped["next", keys.REWARD_TERMS][0])
-            rows["unstable"].append(stepped["next", keys.UNSTABLE][0, 0])
+            rows["qpos"].append(env.state.qpos)
+            rows["body_pos_w"].append(env.state.body_pos_w)
+            rows["terms"].append(stepped["next", keys.REWARD_TERMS])
+            rows["unstable"].append(stepped["next", keys.UNSTABLE][:, 0])
             now = step_mdp(stepped)
-    arrays = {name: _to_numpy(torch.stack(values)) for name, values in rows.items()}
-    if arrays["terms"].shape[1] != len(term_names):
-        raise ValueError(f"{len(term_names)} term names for {arrays['terms'].shape[1]} terms")
-    steps = torch.arange(1, len(arrays["qpos"]) + 1, device=env.device)
+    arrays = {name: _to_numpy(torch.stack(values, dim=1)) for name, values in rows.items()}
+    if arrays["terms"].shape[2] != len(term_names):
+        raise ValueError(f"{len(term_names)} term names for {arrays['terms'].shape[2]} terms")
+    return [
+        _trajectory(
+            env, {name: array[robot, :length] for name, array in arrays.items()}, start, term_names
+        )
+        for robot, (start, length) in enumerate(zip(starts, lengths, strict=True))
+    ]
+
+
+def _trajectory(
+    env: Any, rows: Mapping[str, np.ndarray], start: int, term_names: Sequence[str]
+) -> Trajectory:
+    """What one robot did from frame ``start``, beside the reference; ``rows`` are [T, ...]."""
+    steps = torch.arange(1, len(rows["qpos"]) + 1, device=env.device)
     reference = env.reference.frame(start + steps + env.settings.reference_lead)
     return Trajectory(
         control_dt_s=env.physics.control_dt,
-        qpos=arrays["qpos"],
+        qpos=rows["qpos"],
         reference_qpos=_to_numpy(reference.qpos),
-        body_pos_w=arrays["body_pos_w"],
+        body_pos_w=rows["body_pos_w"],
         reference_body_pos_w=_to_numpy(reference.body_pos_w),
-        terms=dict(zip(term_names, arrays["terms"].T, strict=True)),
-        unstable=arrays["unstable"].astype(bool),
+        terms=dict(zip(term_names, rows["terms"].T, strict=True)),
+        unstable=rows["unstable"].astype(bool),
     )
 
 
@@ -159,14 +181,34 @@ def evaluate_policy(
     env: Any,
     policy: Callable[[TensorDictBase], TensorDictBase],
     term_names: Sequence[str],
-) -> tuple[Trajectory, EvaluationResult]:
-    """Roll the policy out over the whole motion and measure it; arguments as ``rollout``.
+) -> list[tuple[Trajectory, EvaluationResult]]:
+    """Roll the policy out to the end of the motion and measure each robot; see ``rollout``.
 
     A step counts as a failure beyond the limits to which training tightens its own.
     """
-    trajectory = rollout(env, policy, term_names)
     limits = env.settings.termination
-    return trajectory, evaluate_trajectory(trajectory, limits.max_tilt, limits.distance_end_m)
+    return [
+        (trajectory, evaluate_trajectory(trajectory, limits.max_tilt, limits.distance_end_m))
+        for trajectory in rollout(env, policy, term_names)
+    ]
+
+
+def mean_metrics(results: Sequence[EvaluationResult]) -> dict[str, float]:
+    """The ``eval/...`` metrics of several roll-outs: the means of theirs; of one, its own.
+
+    Roll-outs that lack a number (a short one has no latency) do not count in its mean; it is NaN
+    where all lack it. Of several there is ``eval/success``, too: the share that succeeded.
+    """
+    each = [result.metrics() for result in results]
+    means = {name: _mean_of_known([metrics[name] for metrics in each]) for name in each[0]}
+    if len(results) > 1:
+        means[keys.EVAL_SUCCESS] = fmean(result.succeeded for result in results)
+    return means
+
+
+def _mean_of_known(values: Sequence[float]) -> float:
+    known = [value for value in values if not math.isnan(value)]
+    return fmean(known) if known else math.nan
 
 
 def _to_numpy(tensor: torch.Tensor) -> np.ndarray:

@@ -11,8 +11,8 @@ from tlr_exp.records.runs import config_hash
 NOT_IDENTITY = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
     *("precision", "recipe"),
-    *("scale.evidence", "scale.evaluate_every", "scale.checkpoint_every"),
-    "scale.keep_checkpoints",
+    *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
+    *("scale.checkpoint_every", "scale.keep_checkpoints"),
 )
 # A key that came later has no part in the identity while it has the value that says what runs did
 # before it (ADDED_KEYS), so that these keep theirs. This one has counted from its first day.

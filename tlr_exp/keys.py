@@ -98,4 +98,7 @@ WEIGHT_PREFIX = "weight/"
 REWARD_TERM_PREFIX = "reward_term/"
 TIME_PREFIX = "time/"
 EVAL_PREFIX = "eval/"
+EVAL_SUCCESS = (
+    f"{EVAL_PREFIX}success"  # share of several roll-outs that no failure would have ended
+)
 FINAL_PREFIX = "final/"  # in MLflow alone: one number per finished run (records/final_metrics.py)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tlr_exp.config import ConfigError, instantiate
+from tlr_exp.constraints import check_starts
 from tlr_exp.g1 import CONTROL_DT_S
 from tlr_exp.identity import run_identity
 from tlr_exp.input_files import file_hashes
@@ -97,6 +98,11 @@ def check_world(settings: Settings, device: bool = True) -> None:
             f"{clip.num_frames} frames at the control rate of {clip.fps:g} Hz, and "
             f"{settings.env.reference_lead + 2} are needed"
         )
+    try:
+        num_steps = clip.num_frames - 1 - settings.env.reference_lead
+        check_starts("scale.evaluate_starts", settings.scale.evaluate_starts, num_steps)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
     if device and settings.device != "cpu":
         from tlr_exp.assembly import check_device
 

@@ -120,6 +120,7 @@ class ScaleSettings:
     num_envs: int
     iterations: int
     evaluate_every: int
+    evaluate_starts: int
     checkpoint_every: int
     keep_checkpoints: int
     evidence: str

@@ -4,10 +4,11 @@ import io
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from types import FrameType
 from typing import Any
 
@@ -24,7 +25,7 @@ from tlr_exp.assembly import (
     build_trainer,
 )
 from tlr_exp.cores import available_cores
-from tlr_exp.evaluation import EvaluationResult, evaluate_policy
+from tlr_exp.evaluation import EvaluationResult, evaluate_policy, mean_metrics
 from tlr_exp.initial_policy import begin_with
 from tlr_exp.motion.script import KeyframeError
 from tlr_exp.networks import in_float32
@@ -90,7 +91,8 @@ class Training:
         robot = build_robot_of(settings.env)
         clip = kept_motion(run, lambda: build_clip(settings.env, robot))
         self.env = build_env(settings, robot, clip)
-        self.evaluation_env = build_evaluation_env(settings, robot, clip)
+        starts = settings.scale.evaluate_starts
+        self.evaluation_env = build_evaluation_env(settings, robot, clip, starts)
         ppo = build_ppo(settings)
         # To the CPU, where generator states must be; each part takes the rest to its own device.
         saved = self.store.latest_valid("cpu")
@@ -127,25 +129,25 @@ class Training:
         metrics[keys.DISTANCE_LIMIT] = self.env.distance.value_m.item()
         scale = self.settings.scale
         is_last = iteration == scale.iterations
-        result = None
+        results = []
         if is_last or iteration % scale.evaluate_every == 0:
             evaluation_start = time.perf_counter()
-            result = self._evaluate()
-            metrics |= result.metrics()
+            results = self._evaluate()
+            metrics |= mean_metrics(results)
             metrics[f"{keys.TIME_PREFIX}evaluate_s"] = time.perf_counter() - evaluation_start
         metrics[f"{keys.TIME_PREFIX}iteration_s"] = time.perf_counter() - start
         self.run.log(iteration, metrics)
         due = iteration % scale.checkpoint_every == 0 or iteration in self.store.keep_iterations
-        if due or is_last or result:
-            self._save(iteration, None if result is None else _score(result))
+        if due or is_last or results:
+            self._save(iteration, _score(results) if results else None)
         display.show(iteration, metrics)
 
-    def _evaluate(self) -> EvaluationResult:
-        """The deterministic policy over the whole motion."""
+    def _evaluate(self) -> list[EvaluationResult]:
+        """The deterministic policy from each start phase to the end of the motion."""
         actor = self.trainer.ppo.actor
         with in_float32(actor):
-            _, result = evaluate_policy(self.evaluation_env, actor, self.evaluation_env.term_names)
-        return result
+            measured = evaluate_policy(self.evaluation_env, actor, self.evaluation_env.term_names)
+        return [result for _, result in measured]
 
     def _save(self, iteration: int, score: float | None) -> None:
         self.run.flush()
@@ -191,9 +193,9 @@ def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
     return CheckpointStore(run.path / "checkpoints", settings.scale.keep_checkpoints, kept)
 
 
-def _score(result: EvaluationResult) -> float:
+def _score(results: Sequence[EvaluationResult]) -> float:
     """What the best checkpoint has most of: minus the mean body error (large after a fall)."""
-    return -0.5 * (result.upper_body_error_m + result.lower_body_error_m)
+    return -fmean(0.5 * (each.upper_body_error_m + each.lower_body_error_m) for each in results)
 
 
 @contextmanager

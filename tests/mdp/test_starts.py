@@ -4,7 +4,7 @@ import pytest
 import torch
 from scipy import stats
 
-from tlr_exp.mdp.starts import AVERAGING_RATE, UNIFORM_SHARE, StartFrames
+from tlr_exp.mdp.starts import AVERAGING_RATE, UNIFORM_SHARE, StartFrames, even_frames
 
 CPU = torch.device("cpu")
 
@@ -123,15 +123,22 @@ def test_same_generator_same_frames():
     assert not torch.equal(first, other)
 
 
+def test_even_frames_begin_at_zero():
+    assert even_frames(39, 1, "--starts") == [0]
+    assert even_frames(40, 4, "--starts") == [0, 10, 20, 30]
+    assert even_frames(39, 39, "--starts") == list(range(39))
+    with pytest.raises(ValueError, match="--starts is 40; the motion has only 39 steps"):
+        even_frames(39, 40, "--starts")
+
+
 def test_random_and_zero_draw_as_ever_and_learn_nothing():
     made = StartFrames("random", 200, 50.0, CPU)
     fail_at(made, 120)
     expected = torch.randint(200, (30,), generator=generator(4))
     assert torch.equal(made.draw(30, generator(4)), expected)
     zero, unused = StartFrames("zero", 200, 50.0, CPU), generator(4)
-    zero.first_frame = 7
     fail_at(zero, 120)
-    assert zero.draw(3, unused).tolist() == [7, 7, 7]
+    assert zero.draw(3, unused).tolist() == [0, 0, 0]
     assert torch.equal(unused.get_state(), generator(4).get_state())
     assert not made.failures.any()
     assert not zero.failures.any()

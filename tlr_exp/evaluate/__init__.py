@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tlr_exp.evaluate.choosing import Choice, choose, load_policy
+from tlr_exp.evaluate.choosing import Choice, choose, is_folder_of_runs, load_policy
 from tlr_exp.outputs import add_force
 from tlr_exp.pictures.sizes import size_argument
 from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
@@ -15,7 +15,10 @@ __all__ = ["Choice", "choose", "load_policy", "main"]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command line; returns the exit status: 0, or 2 for an error told in one line."""
+    """The command line; returns the exit status: 0, or 2 for an error told in one line.
+
+    1 where some of several runs could not be measured.
+    """
     options = _parser().parse_args(arguments)
     # What takes seconds to import is imported where it is needed: mistakes show before that.
     from tlr_exp.pictures.graphics import GraphicsUnavailable
@@ -23,18 +26,21 @@ def main(arguments: list[str] | None = None) -> int:
 
     try:
         _check(options)
-        _run(options)
+        return _run(options)
     except (ValueError, OSError, GraphicsUnavailable, ViewerUnavailable) as error:
         print(f"tlr-evaluate: {error}", file=sys.stderr)
         return 2
-    return 0
 
 
-def _run(options: argparse.Namespace) -> None:
+def _run(options: argparse.Namespace) -> int:
     if options.strip:
         from tlr_exp.evaluate.comparing import compare
 
         compare(options)
+    elif _measures_several(options):
+        from tlr_exp.evaluate.studying import study
+
+        return study(options)
     elif viewer_wanted(options):
         from tlr_exp.evaluate.watching import watch
 
@@ -43,6 +49,7 @@ def _run(options: argparse.Namespace) -> None:
         from tlr_exp.evaluate.measuring import measure
 
         measure(options)
+    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -54,16 +61,27 @@ def _parser() -> argparse.ArgumentParser:
         "policy in a viewer.",
     )
     parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN", help="run directory, or a checkpoint file"
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="RUN",
+        help="run directory, or a checkpoint file; with --starts several, or a folder of runs",
     )
     parser.add_argument("--physics", help="engine (default: the one trained on)")
     parser.add_argument(
         "--starts",
         type=int,
-        default=1,
         metavar="N",
         help="N roll-outs, from evenly spaced phases of the motion to its end; their mean and "
-        "spread, and each (default: 1, from phase 0)",
+        "spread, and each (default: 1, from phase 0). Of several runs, or of the finished runs in "
+        "a folder: numbers alone, of those not measured yet, and a CSV of all roll-outs",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="J",
+        help="with --starts and several runs: J at a time, each with one thread (default: as many "
+        "as there are cores)",
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
@@ -124,25 +142,40 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="PATH",
-        help="folder (default: RUN/eval); with --strip the PNG (default: strip.png)",
+        help="folder (default: RUN/eval); with --strip the PNG (default: strip.png); with --starts "
+        "and several runs the CSV (default: starts-N.csv, in the folder of runs if one is given)",
     )
     add_force(parser, "pictures and numbers that exist")
 
 
 def _check(options: argparse.Namespace) -> None:
     """Refuse what does not go together, before anything slow is loaded."""
-    if len(options.runs) > 1 and not options.strip:
-        raise ValueError(f"{len(options.runs)} runs are compared with --strip; else give one")
+    if len(options.runs) > 1 and not options.strip and options.starts is None:
+        raise ValueError(
+            f"{len(options.runs)} runs are compared with --strip, or measured with --starts; "
+            "else give one"
+        )
     for name in ("iterations", "shares"):
         if getattr(options, name) is not None and not options.strip:
             raise ValueError(f"--{name} needs --strip")
-    if options.starts < 1:
-        raise ValueError(f"--starts is {options.starts}; it must be at least 1")
-    if options.starts > 1 and (options.strip or viewer_wanted(options)):
+    for name in ("starts", "jobs"):
+        if getattr(options, name) is not None and getattr(options, name) < 1:
+            raise ValueError(f"--{name} is {getattr(options, name)}; it must be at least 1")
+    if options.starts is not None and (options.strip or viewer_wanted(options)):
         raise ValueError("--starts is for numbers: without --strip, --view and --web")
+    if options.jobs is not None and not _measures_several(options):
+        raise ValueError("--jobs is for --starts with several runs, or a folder of runs")
+    if _measures_several(options) and (options.video or options.pictures):
+        raise ValueError("of several runs there are numbers alone: no --video and no --pictures")
     if options.columns < 1:
         raise ValueError(f"--columns is {options.columns}; it must be at least 1")
     check_port(options)
+
+
+def _measures_several(options: argparse.Namespace) -> bool:
+    """Whether numbers of several runs are asked for: --starts, with several or with a folder."""
+    several = len(options.runs) > 1 or is_folder_of_runs(options.runs[0])
+    return options.starts is not None and several
 
 
 def _numbers(kind: type):

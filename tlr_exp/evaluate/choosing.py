@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, chosen_checkpoint
+from tlr_exp.records.run_directory import MANIFEST
 
 if TYPE_CHECKING:
     from tlr_exp.settings import Settings
@@ -28,6 +29,11 @@ class Choice:
     iteration: int
     physics: str
     motion: str
+
+
+def is_folder_of_runs(path: Path) -> bool:
+    """Whether ``path`` is a folder, but none of a run or a policy."""
+    return path.is_dir() and not (path / MANIFEST).is_file()
 
 
 def choose(path: Path, checkpoint: str | None = None, physics: str | None = None) -> Choice:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from tlr_exp.assembly import build_robot_of
-from tlr_exp.evaluate.choosing import Choice, choose
+from tlr_exp.evaluate.choosing import choose
 from tlr_exp.evaluate.policies import Evaluation, row_of
-from tlr_exp.evaluate.starts import evaluate_starts, starts_record, starts_table
+from tlr_exp.evaluate.records import (
+    content_of,
+    evaluation_folder,
+    evaluation_name,
+    write_whole,
+)
+from tlr_exp.evaluate.starts import evaluate_starts, record_of, starts_table
 from tlr_exp.evaluation import result_table
 from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
-from tlr_exp.records.storage import atomic_write
 from tlr_exp.robot import Robot
 
 VIDEO_SIZE = (640, 480)
@@ -32,20 +35,17 @@ def measure(options: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    folder = options.output or choice.run / "eval"
-    name = f"{choice.iteration:06d}-{choice.physics}"
-    if options.starts > 1:
-        name += f"-{options.starts}starts"
-    paths = output_paths(options, folder, name)
+    folder = options.output or evaluation_folder(choice)
+    num_starts = options.starts or 1
+    paths = output_paths(options, folder, evaluation_name(choice, num_starts))
     check_free([path for part, path in paths.items() if part != "json"], options.force)
     folder.mkdir(parents=True, exist_ok=True)
-    evaluation, starts = evaluate_starts(choice, options.starts)
+    evaluation, starts = evaluate_starts(choice, num_starts)
     Console().print(result_table(evaluation.result, evaluation.title))
-    record = {**_origin(choice), **evaluation.result.to_dict()}
-    if options.starts > 1:
-        Console().print(starts_table(starts, f"from {options.starts} start phases"))
-        record["starts"] = starts_record(starts)
-    write_record(paths["json"], record, options.force)
+    if num_starts > 1:
+        Console().print(starts_table(starts, f"from {num_starts} start phases"))
+    record = record_of(evaluation, starts)
+    print(write_whole(paths["json"], content_of(record), options.force))
     if options.pictures is not False:
         _plot(paths, evaluation)
     _draw(options, paths, evaluation)
@@ -59,22 +59,6 @@ def output_paths(options: argparse.Namespace, folder: Path, name: str) -> dict[s
     if options.video is not False:
         endings["video"] = ".mp4"
     return {part: folder / f"{name}{ending}" for part, ending in endings.items()}
-
-
-def write_record(path: Path, record: dict[str, Any], force: bool) -> None:
-    """Write ``record`` as JSON; a file that holds the same already is left as it is.
-
-    Raises:
-        FileExistsError: the file holds something else, and ``force`` is not given.
-    """
-    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-    content = f"{text}\n".encode()
-    if path.exists() and path.read_bytes() == content:
-        print(f"{path} holds the same already")
-        return
-    check_free([path], force)
-    atomic_write(path, content)
-    print(f"wrote {path}")
 
 
 def _plot(paths: dict[str, Path], evaluation: Evaluation) -> None:
@@ -129,15 +113,3 @@ def _film(options: argparse.Namespace, path: Path, evaluation: Evaluation, robot
         quality=options.quality or "fast",
     )
     print(f"wrote {path}")
-
-
-def _origin(choice: Choice) -> dict[str, Any]:
-    """What the result is of, for the JSON file."""
-    return {
-        "run": str(choice.run),
-        "checkpoint": choice.checkpoint.name,
-        "iteration": choice.iteration,
-        "physics": choice.physics,
-        "motion": choice.motion,
-        "seed": choice.settings.seed,
-    }

@@ -37,17 +37,18 @@ def evaluate(choice: Choice) -> Evaluation:
         ValueError: as ``load_policy``; the motion cannot be read.
     """
     env, policy = prepare(choice)
-    return Evaluation(choice, *evaluate_policy(env, policy, env.term_names))
+    return Evaluation(choice, *evaluate_policy(env, policy, env.term_names)[0])
 
 
-def prepare(choice: Choice) -> tuple[TrackingEnv, Any]:
-    """The environment to roll out in, and the policy.
+def prepare(choice: Choice, starts: int = 1) -> tuple[TrackingEnv, Any]:
+    """The environment to roll out in, with a robot for each start phase, and the policy.
 
     Raises:
-        ValueError: as ``evaluate``.
+        ValueError: as ``evaluate``; the motion is too short for so many starts.
     """
     robot = build_robot_of(choice.settings.env)
-    env = build_evaluation_env(choice.settings, robot, build_clip(choice.settings.env, robot))
+    clip = build_clip(choice.settings.env, robot)
+    env = build_evaluation_env(choice.settings, robot, clip, starts, key="--starts")
     return env, load_policy(choice)
 
 

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tlr_exp.evaluate.choosing import Choice
 from tlr_exp.evaluate.policies import Evaluation, prepare
+from tlr_exp.evaluate.records import origin_of
 from tlr_exp.evaluation import EvaluationResult, evaluate_policy
 
 # What is summed up, with its heading, its factor and the decimals in the table.
@@ -37,32 +38,21 @@ class Start:
         return {"start_frame": self.frame, "start_phase": self.phase, **self.result.to_dict()}
 
 
-def start_frames(num_steps: int, starts: int) -> list[int]:
-    """``starts`` frames evenly spaced over a motion of ``num_steps`` control steps, 0 first.
-
-    Raises:
-        ValueError: there are fewer steps than that.
-    """
-    if starts > num_steps:
-        raise ValueError(f"--starts is {starts}; the motion has only {num_steps} steps")
-    return [number * num_steps // starts for number in range(starts)]
-
-
 def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start]]:
     """Roll a policy out from evenly spaced phases; the evaluation is that from phase 0.
 
     Raises:
-        ValueError: as ``evaluate`` and ``start_frames``.
+        ValueError: as ``evaluate``; the motion has fewer steps than that.
     """
-    env, policy = prepare(choice)
+    env, policy = prepare(choice, starts)
     last = env.reference.num_frames - 1
-    evaluations, each = [], []
-    for frame in start_frames(last - env.settings.reference_lead, starts):
-        env.starts.first_frame = frame
-        evaluation = Evaluation(choice, *evaluate_policy(env, policy, env.term_names))
-        evaluations.append(evaluation)
-        each.append(Start(frame, frame / last, evaluation.result))
-    return evaluations[0], each
+    measured = evaluate_policy(env, policy, env.term_names)
+    frames = env.start_frame.tolist()
+    each = [
+        Start(frame, frame / last, result)
+        for frame, (_, result) in zip(frames, measured, strict=True)
+    ]
+    return Evaluation(choice, *measured[0]), each
 
 
 def summary(each: Sequence[Start]) -> dict[str, dict[str, float] | None]:
@@ -85,6 +75,12 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
         "min": min(values),
         "max": max(values),
     }
+
+
+def record_of(evaluation: Evaluation, each: Sequence[Start]) -> dict[str, Any]:
+    """The evaluation from phase 0 as a record; of several starts with all of them."""
+    record = {**origin_of(evaluation.choice), **evaluation.result.to_dict()}
+    return {**record, "starts": starts_record(each)} if len(each) > 1 else record
 
 
 def starts_record(each: Sequence[Start]) -> dict[str, Any]:

@@ -7,6 +7,8 @@ failures are counted in the bin in which they happen, and starts are drawn where
 import torch
 from torch import Tensor
 
+from tlr_exp.constraints import check_starts
+
 # As in BeyondMimic's code. A second is about the time from a mistake to a fall: shorter bins would
 # hold too few failures to compare, longer ones would repeat more than what went wrong.
 BIN_S = 1.0
@@ -15,6 +17,16 @@ AVERAGING_RATE = 0.001  # of the moving average, a control step: about the last 
 # What a failure adds to its own bin and to those before it: it is caused by what came before. The
 # decay is BeyondMimic's 0.8 a bin; three bins reach two seconds back.
 KERNEL = (1.0, 0.8, 0.64)
+
+
+def even_frames(num_starts: int, count: int, key: str) -> list[int]:
+    """``count`` of the frames 0 .. num_starts - 1 in which an episode can start, evenly, 0 first.
+
+    Raises:
+        ValueError: there are fewer than that; ``key`` says where the count comes from.
+    """
+    check_starts(key, count, num_starts)
+    return [number * num_starts // count for number in range(count)]
 
 
 class StartFrames:
@@ -27,7 +39,6 @@ class StartFrames:
         device: where frames are drawn.
 
     Attributes:
-        first_frame: where episodes start with ``zero``.
         failures: moving average of the failures a control step in each bin, [num_bins].
     """
 
@@ -35,7 +46,6 @@ class StartFrames:
         self.choice = choice
         self.num_starts = num_starts
         self.device = device
-        self.first_frame = 0
         num_bins = max(1, round(num_starts / (BIN_S * fps)))
         # Whole frames, so that bins may differ by one frame.
         bounds = torch.arange(num_bins + 1, device=device) * num_starts // num_bins
@@ -46,7 +56,7 @@ class StartFrames:
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Frames in which ``count`` episodes start, [count] int64."""
         if self.choice == "zero":
-            return torch.full((count,), self.first_frame, device=self.device)
+            return torch.zeros(count, dtype=torch.int64, device=self.device)
         if self.choice == "random":
             size = (count,)
             return torch.randint(self.num_starts, size, generator=generator, device=self.device)

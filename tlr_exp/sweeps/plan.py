@@ -150,7 +150,8 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
     checked: dict[str, Exception | None] = {}
     first = composed[0][1]
     for num, (plain, settings, _) in enumerate(composed):
-        world = {key: plain[key] for key in ("env", "device")}
+        starts = plain["scale"]["evaluate_starts"]
+        world = {"env": plain["env"], "device": plain["device"], "starts": starts}
         mistakes.add(num, _mistake(world, partial(check_world, settings, check_device), checked))
         layer = {key: plain[key] for key in ("optimizer", "reward")}
         mistakes.add(num, _mistake(layer, partial(check_lower_layer, settings), checked))
