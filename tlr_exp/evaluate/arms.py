@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.config import NOT_IDENTITY, of_any_version
+from tlr_exp.config import of_any_version
+from tlr_exp.identity import NOT_IDENTITY
 from tlr_exp.input_files import is_motion_path
 from tlr_exp.records.run_directory import RunDirectory
 
