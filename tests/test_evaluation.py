@@ -1,5 +1,6 @@
 """Measures of an evaluation: hand arithmetic, known delays, and a real roll-out."""
 
+import dataclasses
 import io
 import json
 import math
@@ -18,6 +19,7 @@ from tlr_exp.evaluation import (
     body_distance,
     evaluate_trajectory,
     latency,
+    mean_metrics,
     result_table,
     rollout,
     share_before_first,
@@ -205,6 +207,21 @@ def test_result_as_json_metrics_and_table():
     Console(width=100, file=text).print(result_table(result, "a run"))
     for shown in ("a run", "upper-body error", "base_height", result.latency_reason):
         assert shown in text.getvalue()
+
+
+def test_metrics_of_several_roll_outs_are_means_of_what_is_known():
+    result = evaluate_trajectory(still_trajectory(), max_tilt=0.8, max_distance_m=0.3)
+    fallen = dataclasses.replace(result, survival=0.25, latency_ms=30.0, terms={"base_height": 1.5})
+    means = mean_metrics([result, fallen, dataclasses.replace(fallen, latency_ms=50.0)])
+    assert means[keys.EVAL_PREFIX + "survival"] == pytest.approx(0.5)
+    assert means[keys.EVAL_SUCCESS] == pytest.approx(1 / 3)
+    assert means[keys.EVAL_PREFIX + "latency_ms"] == pytest.approx(40.0)
+    assert means[keys.EVAL_PREFIX + keys.REWARD_TERM_PREFIX + "base_height"] == pytest.approx(
+        3.5 / 3
+    )
+    # One roll-out has its own numbers, and no share of successes.
+    assert repr(mean_metrics([result])) == repr(result.metrics())
+    assert math.isnan(mean_metrics([result, result])[keys.EVAL_PREFIX + "latency_ms"])
 
 
 # --- roll-out --------------------------------------------------------------------------------

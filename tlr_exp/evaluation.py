@@ -16,6 +16,7 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from tlr_exp import g1, keys
+from tlr_exp.cores import one_torch_thread
 
 MAX_LAG_S = 0.4
 MOVING_RAD = 0.01  # a joint whose standard deviation over the motion is smaller stands still
@@ -137,7 +138,8 @@ def rollout(
         "terms": [],
         "unstable": [],
     }
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
+    deterministic = set_exploration_type(ExplorationType.DETERMINISTIC)
+    with deterministic, one_torch_thread(env.device.type):
         now = env.reset()
         starts = env.start_frame.tolist()
         available = env.reference.num_frames - 1 - env.settings.reference_lead
