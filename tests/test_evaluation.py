@@ -14,13 +14,13 @@ from rich.console import Console
 from tensordict import TensorDict
 
 from tlr_exp import g1, keys
+from tlr_exp.evaluate.result_table import result_table
 from tlr_exp.evaluation import (
     Trajectory,
     body_distance,
     evaluate_trajectory,
     latency,
     mean_metrics,
-    result_table,
     rollout,
     share_before_first,
     tilt,
@@ -263,7 +263,8 @@ def test_rollout_follows_the_motion_to_its_end(make_env, short_clip, settings_of
 def test_measures_agree_with_what_the_environment_reports(make_env, settings_of):
     env = evaluation_env(make_env)
     names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
-    result = evaluate_trajectory(*rollout(env, still_policy, names), 0.8, 0.3)
+    (trajectory,) = rollout(env, still_policy, names)
+    result = evaluate_trajectory(trajectory, 0.8, 0.3)
     now = env.reset()
     reported = {key: [] for key in (keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR)}
     terms = []
