@@ -62,6 +62,8 @@ def area_under_curve(curves: ArrayLike, iterations: ArrayLike) -> Array:
 def final_value(curves: ArrayLike, iterations: ArrayLike) -> Array:
     """The last point: of an ``eval/`` metric, the last deterministic evaluation.
 
+    That is the mean over ``scale.evaluate_starts`` roll-outs, in earlier runs one from phase 0.
+
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.
     """

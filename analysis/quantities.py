@@ -30,9 +30,9 @@ QUANTITIES = {
     f"{keys.EVAL_PREFIX}upper_body_error_m": Quantity("Upper-body error, evaluation", "m", False),
     f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
     f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),
-    f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of motion", True),
+    f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of roll-out", True),
     keys.EVAL_SUCCESS: Quantity("Success, evaluation", "share of roll-outs", True),
-    f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of motion", True),
+    f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of roll-out", True),
 }
 
 

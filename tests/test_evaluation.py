@@ -1,5 +1,6 @@
 """Measures of an evaluation: hand arithmetic, known delays, and a real roll-out."""
 
+import dataclasses
 import io
 import json
 import math
@@ -13,12 +14,13 @@ from rich.console import Console
 from tensordict import TensorDict
 
 from tlr_exp import g1, keys
+from tlr_exp.evaluate.result_table import result_table
 from tlr_exp.evaluation import (
     Trajectory,
     body_distance,
     evaluate_trajectory,
     latency,
-    result_table,
+    mean_metrics,
     rollout,
     share_before_first,
     tilt,
@@ -207,6 +209,21 @@ def test_result_as_json_metrics_and_table():
         assert shown in text.getvalue()
 
 
+def test_metrics_of_several_roll_outs_are_means_of_what_is_known():
+    result = evaluate_trajectory(still_trajectory(), max_tilt=0.8, max_distance_m=0.3)
+    fallen = dataclasses.replace(result, survival=0.25, latency_ms=30.0, terms={"base_height": 1.5})
+    means = mean_metrics([result, fallen, dataclasses.replace(fallen, latency_ms=50.0)])
+    assert means[keys.EVAL_PREFIX + "survival"] == pytest.approx(0.5)
+    assert means[keys.EVAL_SUCCESS] == pytest.approx(1 / 3)
+    assert means[keys.EVAL_PREFIX + "latency_ms"] == pytest.approx(40.0)
+    assert means[keys.EVAL_PREFIX + keys.REWARD_TERM_PREFIX + "base_height"] == pytest.approx(
+        3.5 / 3
+    )
+    # One roll-out has its own numbers, and no share of successes.
+    assert repr(mean_metrics([result])) == repr(result.metrics())
+    assert math.isnan(mean_metrics([result, result])[keys.EVAL_PREFIX + "latency_ms"])
+
+
 # --- roll-out --------------------------------------------------------------------------------
 
 
@@ -246,7 +263,8 @@ def test_rollout_follows_the_motion_to_its_end(make_env, short_clip, settings_of
 def test_measures_agree_with_what_the_environment_reports(make_env, settings_of):
     env = evaluation_env(make_env)
     names = tuple(settings_of().reward.goal) + tuple(settings_of().reward.optimizing)
-    result = evaluate_trajectory(*rollout(env, still_policy, names), 0.8, 0.3)
+    (trajectory,) = rollout(env, still_policy, names)
+    result = evaluate_trajectory(trajectory, 0.8, 0.3)
     now = env.reset()
     reported = {key: [] for key in (keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR)}
     terms = []

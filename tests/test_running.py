@@ -41,6 +41,12 @@ def test_a_package_that_is_missing_is_told_before_a_run_is_made(settings_of, mon
         check_lower_layer(settings_of("optimizer=mealpy"))
 
 
+def test_more_start_phases_than_the_motion_has_steps_are_refused(settings_of):
+    check_world(settings_of("scale.evaluate_starts=39"))
+    with pytest.raises(ConfigError, match="evaluate_starts is 40; the motion has only 39 steps"):
+        check_world(settings_of("scale.evaluate_starts=40"))
+
+
 @pytest.mark.parametrize(
     ("frames", "fps", "words"),
     [

@@ -6,6 +6,9 @@ import torch
 
 from tlr_exp import keys
 from tlr_exp.assembly import build_split
+from tlr_exp.evaluation import evaluate_policy
+from tlr_exp.networks import in_float32
+from tlr_exp.records.checkpoint_files import read_scores
 from tlr_exp.records.extending import extend
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training import (
@@ -104,6 +107,40 @@ def test_the_last_iteration_is_evaluated_and_kept_as_best(training):
     error = 0.5 * (last["eval/upper_body_error_m"] + last["eval/lower_body_error_m"])
     assert error > 0
     assert training.store.best() == training.store.path_of(3)
+
+
+def evaluated(tmp_path, settings_of, starts):
+    settings = settings_of(*TINY, "scale.iterations=1", f"scale.evaluate_starts={starts}")
+    training = Training(settings, RunDirectory.create(tmp_path / f"{starts}", {"seed": 0}, {}))
+    training.train()
+    return training, training.run.metrics()[-1]
+
+
+def test_an_evaluation_is_the_mean_over_its_start_phases(tmp_path, settings_of):
+    training, metrics = evaluated(tmp_path, settings_of, 4)
+    env, actor = training.evaluation_env, training.trainer.ppo.actor
+    assert env.start_frame.tolist() == [0, 9, 19, 29]  # of 39 control steps
+    with in_float32(actor):
+        each = [result for _, result in evaluate_policy(env, actor, env.term_names)]
+    errors = [(one.upper_body_error_m, one.lower_body_error_m) for one in each]
+    assert len(set(errors)) == 4
+    upper, lower = np.mean(errors, axis=0)
+    assert metrics["eval/upper_body_error_m"] == pytest.approx(upper)
+    assert metrics["eval/survival"] == pytest.approx(np.mean([one.survival for one in each]))
+    assert metrics[keys.EVAL_SUCCESS] == np.mean([one.survival == 1.0 for one in each])
+    score = read_scores(training.store.path_of(1).parent)[1]
+    assert score == pytest.approx(-(upper + lower) / 2)
+
+
+def test_an_evaluation_of_one_start_has_the_metrics_of_earlier_runs(tmp_path, settings_of):
+    training, metrics = evaluated(tmp_path, settings_of, 1)
+    env, actor = training.evaluation_env, training.trainer.ppo.actor
+    with in_float32(actor):
+        ((_, result),) = evaluate_policy(env, actor, env.term_names)
+    expected = {name: value for name, value in result.metrics().items() if value == value}
+    found = {name: value for name, value in metrics.items() if name.startswith(keys.EVAL_PREFIX)}
+    assert {name: value for name, value in found.items() if value == value} == expected
+    assert found.keys() == result.metrics().keys()
 
 
 def test_one_seed_gives_the_same_bits_twice_and_another_seed_others(

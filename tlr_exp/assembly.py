@@ -13,6 +13,7 @@ from torchrl.collectors import Collector
 
 from tlr_exp import g1, keys
 from tlr_exp.config import ConfigError, instantiate
+from tlr_exp.cores import one_torch_thread
 from tlr_exp.env import TrackingEnv
 from tlr_exp.landscape import BoxSample
 from tlr_exp.mdp.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
@@ -159,9 +160,8 @@ def build_collect(
 ) -> Callable[[], TensorDictBase]:
     """A function whose every call returns the next batch [num_envs, num_steps].
 
-    On the CPU it collects with one PyTorch thread: the engine's threads have the cores, and
-    PyTorch's would wait for one another at each of its many small operations. There, too, the
-    next call overwrites the tensors of the batch, which saves a copy of it.
+    On the CPU it collects with one PyTorch thread (see ``one_torch_thread``). There, too, the next
+    call overwrites the tensors of the batch, which saves a copy of it.
     """
     collector = Collector(
         env,
@@ -177,13 +177,9 @@ def build_collect(
     def collect() -> TensorDictBase:
         if env.device.type != "cpu":
             return next(batches)
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        try:
+        with one_torch_thread("cpu"):
             # The entries are the collector's: what is added to the batch must not reach them.
             return next(batches).copy()
-        finally:
-            torch.set_num_threads(threads)
 
     return collect
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from rich.table import Table
 from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from tlr_exp import g1, keys
+from tlr_exp.cores import one_torch_thread
 
 MAX_LAG_S = 0.4
 MOVING_RAD = 0.01  # a joint whose standard deviation over the motion is smaller stands still
@@ -137,7 +137,8 @@ def rollout(
         "terms": [],
         "unstable": [],
     }
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
+    deterministic = set_exploration_type(ExplorationType.DETERMINISTIC)
+    with deterministic, one_torch_thread(env.device.type):
         now = env.reset()
         starts = env.start_frame.tolist()
         available = env.reference.num_frames - 1 - env.settings.reference_lead
@@ -309,28 +310,3 @@ def _correlation(reference: np.ndarray, motion: np.ndarray, lag: int) -> float:
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     norm = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
     return float(((a * b).sum(axis=0) / np.maximum(norm, 1e-12)).mean())
-
-
-def result_table(result: EvaluationResult, title: str) -> Table:
-    """The result as a table for the terminal."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("measure")
-    table.add_column("value", justify="right")
-    table.add_column("unit")
-    unstable = f" ({result.unstable_steps} unstable steps)" if result.unstable_steps else ""
-    rows = [
-        ("survival", f"{100 * result.survival:.1f}", f"% of {result.duration_s:.2f} s{unstable}"),
-        ("upright", f"{100 * result.upright:.1f}", "%"),
-        ("upper-body error", f"{result.upper_body_error_m:.4f}", "m"),
-        ("lower-body error", f"{result.lower_body_error_m:.4f}", "m"),
-        ("joint error", f"{result.joint_error_rad:.4f}", "rad"),
-    ]
-    if result.latency_ms is None:
-        rows.append(("latency", "-", result.latency_reason))
-    else:
-        alike = f"ms (correlation {result.latency_correlation:.2f})"
-        rows.append(("latency", f"{result.latency_ms:+.1f}", alike))
-    rows += [(name, f"{value:.4g}", "mean raw term") for name, value in result.terms.items()]
-    for row in rows:
-        table.add_row(*row)
-    return table

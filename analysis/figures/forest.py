@@ -140,7 +140,8 @@ def _interval_text(interval: Interval) -> str:
 
 
 def _short(unit: str) -> str:
-    return {"control steps": "steps", "share of motion": ""}.get(unit, unit)
+    short = {"control steps": "steps", "share of roll-out": "", "share of roll-outs": ""}
+    return short.get(unit, unit)
 
 
 def _what(rows: Sequence[ForestRow]) -> str:

@@ -15,8 +15,8 @@ from tlr_exp.evaluate.records import (
     evaluation_name,
     write_whole,
 )
+from tlr_exp.evaluate.result_table import result_table
 from tlr_exp.evaluate.starts import evaluate_starts, record_of, starts_table
-from tlr_exp.evaluation import result_table
 from tlr_exp.outputs import check_free
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.robot import Robot

@@ -21,7 +21,7 @@ def watch(options: argparse.Namespace) -> None:
 
     from tlr_exp.assembly import build_robot_of
     from tlr_exp.evaluate.policies import evaluate
-    from tlr_exp.evaluation import result_table
+    from tlr_exp.evaluate.result_table import result_table
     from tlr_exp.viewing.recording import recording_of_trajectory
 
     evaluation = evaluate(choice)
