@@ -164,7 +164,7 @@ def test_a_list_a_range_a_choice_and_a_glob_are_sweeps(multirun):
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["seed=-1,0,1"], ["job 0 (seed=-1): seed is -1", "at least 0"]),
+        (["seed=-1,0,1"], ["job 0 (seed=-1): seed is -1", "from 0 to 2^63 - 1"]),
         (["seed=-1,-2"], ["job 0 (seed=-1): seed is -1", "job 1 (seed=-2): seed is -2"]),
         (["seed=0,1", "ppo.gamma=2"], ["ppo.gamma is 2"]),
         (
