@@ -104,9 +104,13 @@ def test_a_run_of_an_earlier_version_is_gone_on_with_by_its_path(trainer, undist
     assert (moved / "config.yaml").read_text() == earlier
 
 
-def test_a_run_that_is_trained_further_is_the_longer_run_to_the_bit(trainer, undisturbed):
-    assert trainer.run(f"scale.iterations={LAST // 2}")[0] == 0
-    (run,) = trainer.runs
+def test_a_run_that_is_trained_further_is_the_longer_run_to_the_bit(trainer):
+    # A rate that falls towards the end would be another one in the longer run.
+    constant = "ppo.final_learning_rate=null"
+    assert trainer.run(constant, "study=undisturbed")[0] == 0
+    (undisturbed,) = trainer.runs
+    assert trainer.run(constant, f"scale.iterations={LAST // 2}")[0] == 0
+    (run,) = set(trainer.runs) - {undisturbed}
     short = RunDirectory.open(run).manifest["identity"]
     status, output = Trainer.call(trainer.folder, f"resume={run}", f"scale.iterations={LAST}")
     assert status == 0, output
@@ -122,11 +126,11 @@ def test_a_run_that_is_trained_further_is_the_longer_run_to_the_bit(trainer, und
     assert RunDirectory.open(run).config["scale"]["iterations"] == LAST
 
     # The longer configuration has been trained, the shorter one has not.
-    status, output = trainer.run("resume=auto")
+    status, output = trainer.run(constant, "resume=auto")
     assert (status, "trained already" in output) == (0, True), output
-    status, output = trainer.run("resume=auto", f"scale.iterations={LAST // 2}")
+    status, output = trainer.run(constant, "resume=auto", f"scale.iterations={LAST // 2}")
     assert status == 0, output
-    assert len(trainer.runs) == 2
+    assert len(trainer.runs) == 3
 
 
 def test_a_run_that_trains_and_one_that_has_finished_are_not_gone_on_with(trainer):
