@@ -12,8 +12,9 @@ from benchmarks.learning.curves import Curve, read_curve, run_of
 from benchmarks.learning.variants import Variant
 
 POLL_S = 5.0
-# A run is stopped at an iteration at which its goal return is below this share of the best run's:
-# variants that lay further behind never caught up.
+# A run is stopped at an iteration at which its goal return is below this share of the best run's.
+# Two seeds of the fast recipe differ by 16 % at iteration 100, by a third at 120, where episodes
+# grow fastest, and by 1 % at 200: compare at 100 and 200, not between.
 KEEP_SHARE = 0.75
 
 
