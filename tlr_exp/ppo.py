@@ -131,8 +131,10 @@ class Ppo:
         Raises:
             NonFiniteLossError: the loss or its gradient is not finite.
         """
-        if self.settings.final_learning_rate is not None:
-            self._set_learning_rate(decayed_rate(self.settings, progress))
+        last = self.settings.final_learning_rate
+        if last is not None:
+            first, decay_from = self.settings.learning_rate, self.settings.decay_from
+            self._set_learning_rate(decayed_rate(first, last, decay_from, progress))
         samples = batch.select(*self._needed_keys()).reshape(-1)
         sums = torch.zeros(6, device=samples.device)
         for epoch in range(self.settings.num_epochs):
@@ -246,13 +248,10 @@ def _kl_divergence(collected: TensorDictBase, loc: Tensor, scale: Tensor) -> Ten
     return torch.distributions.kl_divergence(old, present).sum(dim=-1).mean()
 
 
-def decayed_rate(settings: PpoSettings, progress: float) -> float:
-    """``learning_rate`` up to ``decay_from``, then a straight line to ``final_learning_rate``.
+def decayed_rate(first: float, last: float, decay_from: float, progress: float) -> float:
+    """The rate ``first`` until the share ``decay_from`` is done, then a straight line to ``last``.
 
     ``progress`` is the share of the training that is done, from 0 to 1.
     """
-    first, last = settings.learning_rate, settings.final_learning_rate
-    if last is None:
-        return first
-    share = max(0.0, (progress - settings.decay_from) / (1.0 - settings.decay_from))
+    share = max(0.0, (progress - decay_from) / (1.0 - decay_from))
     return first + (last - first) * share
