@@ -163,7 +163,18 @@ def test_a_robot_that_lies_down_has_failed(playing):
     env = playing()
     env.reset()
     env.physics.change = lying(1)
-    assert ends(step(env)) == [(False,) * 3, (True, False, True), (False,) * 3]
+    after = step(env)
+    assert ends(after) == [(False,) * 3, (True, False, True), (False,) * 3]
+    assert after[keys.FELL].squeeze(-1).tolist() == [False, True, False]
+
+
+def test_a_robot_that_is_too_far_off_has_failed_without_a_fall(playing):
+    env = playing()
+    env.reset()
+    env.physics.shift_m[1] = 9.0
+    after = step(env)
+    assert ends(after) == [(False,) * 3, (True, False, True), (False,) * 3]
+    assert not after[keys.FELL].any()
 
 
 def test_a_failure_in_the_last_step_is_no_truncation(playing):

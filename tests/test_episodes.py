@@ -1,11 +1,13 @@
 """Episode lengths over batches, by hand."""
 
 import copy
+import math
 
 import pytest
 import torch
 
-from tlr_exp.episodes import EpisodeLengths
+from tlr_exp.episodes import EpisodeLengths, ending_shares
+from tlr_exp.keys import Ending
 
 
 def done(*rows: str) -> torch.Tensor:
@@ -56,3 +58,22 @@ def test_state_goes_on_where_it_was_saved():
     assert other.mean_length == episodes.mean_length == (6 + 4) / 2
     assert torch.equal(other.running, episodes.running)
     assert torch.equal(saved["running"], kept["running"])
+
+
+def test_how_episodes_end_by_hand():
+    # Of five that end: two at the motion's end, one by a fall, one too far off, one unstable.
+    truncated = done("...x", "x...", "....")
+    terminated = done(".x..", "..x.", "..x.")
+    fell = done(".x..", "x...", ".xxx")  # a fall that ends nothing is no ending
+    unstable = done("....", "....", "..x.")
+    assert ending_shares(terminated, truncated, fell, unstable) == {
+        Ending.COMPLETED: pytest.approx(2 / 5),
+        Ending.FELL: pytest.approx(1 / 5),
+        Ending.TOO_FAR: pytest.approx(1 / 5),
+        Ending.UNSTABLE: pytest.approx(1 / 5),
+    }
+
+
+def test_where_no_episode_ends_there_are_no_shares():
+    none = done("....")
+    assert all(math.isnan(share) for share in ending_shares(none, none, none, none).values())

@@ -1,22 +1,23 @@
 """tlr-evaluate --starts: where the roll-outs begin, and what is said of them together."""
 
+import dataclasses
 import json
 import math
 
 import pytest
 from rich.console import Console
+from trajectories import still_trajectory
 
 from tlr_exp import evaluate
 from tlr_exp.evaluate.starts import Start, starts_table, summary
-from tlr_exp.evaluation import EvaluationResult
+from tlr_exp.evaluation.result import EvaluationResult, evaluate_trajectory
+from tlr_exp.reward import RewardSplit
 
 
 def result(survival: float, latency_ms: float | None) -> EvaluationResult:
-    return EvaluationResult(
-        *(100, 2.0, survival, 1.0, 0.1, 0.2, 0.3, latency_ms, None, ""),
-        unstable_steps=0,
-        terms={},
-    )
+    split = RewardSplit({"body_pos": 1.0}, {}, 0.02)
+    made = evaluate_trajectory(still_trajectory(), 0.8, 0.3, split)
+    return dataclasses.replace(made, survival=survival, latency_ms=latency_ms)
 
 
 def test_mean_and_spread_by_hand():

@@ -17,7 +17,7 @@ from torchrl.envs import ExplorationType, set_exploration_type
 from torchrl.objectives.value import GAE
 
 from tlr_exp import keys
-from tlr_exp.ppo import Ppo
+from tlr_exp.ppo import Ppo, explained_variance
 
 # --- advantages ------------------------------------------------------------------------------
 
@@ -114,6 +114,16 @@ def test_clipped_value_loss_by_hand(make_ppo, target, loss):
     batch["state_value"] = torch.ones_like(batch["state_value"])
     batch["value_target"] = torch.full_like(batch["value_target"], target)
     assert ppo.update(batch).value_loss == pytest.approx(0.5 * loss, rel=1e-5)
+
+
+def test_explained_variance_by_hand():
+    """Targets 0, 2, 4, 6 have the variance 20/3; errors of 1, -1, 1, -1 have 4/3."""
+    target = torch.tensor([0.0, 2.0, 4.0, 6.0])
+    error = torch.tensor([1.0, -1.0, 1.0, -1.0])
+    assert explained_variance(target, target - error) == pytest.approx(0.8)
+    assert explained_variance(target, target + 7.0) == pytest.approx(1.0)
+    assert explained_variance(target, torch.full((4,), 3.0)) == pytest.approx(0.0)
+    assert math.isnan(explained_variance(torch.ones(4), target))
 
 
 def test_entropy_and_standard_deviation_of_the_gaussian(make_ppo):

@@ -28,7 +28,7 @@ class FakePpo:
         self.rewards.append(batch["next", keys.REWARD].clone())
 
     def update(self, batch: TensorDict, progress: float) -> PpoDiagnostics:
-        return PpoDiagnostics(*[0.0] * 7)
+        return PpoDiagnostics(*[0.0] * 8)
 
 
 class Listening(FixedWeights):
@@ -52,7 +52,9 @@ def batch_of(done: torch.Tensor) -> TensorDict:
         name: torch.rand(NUM_ENVS, NUM_STEPS, 1, generator=generator)
         for name in (keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR)
     }
-    after[keys.UNSTABLE] = torch.zeros(NUM_ENVS, NUM_STEPS, 1, dtype=torch.bool)
+    nowhere = torch.zeros(NUM_ENVS, NUM_STEPS, 1, dtype=torch.bool)
+    after |= dict.fromkeys((keys.UNSTABLE, keys.FELL, keys.TERMINATED), nowhere)
+    after[keys.TRUNCATED] = done[..., None]
     after[keys.REWARD_TERMS] = torch.rand(NUM_ENVS, NUM_STEPS, 2, generator=generator)
     after[keys.DONE] = done[..., None]
     return TensorDict({"next": after}, [NUM_ENVS, NUM_STEPS])

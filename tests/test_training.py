@@ -6,7 +6,7 @@ import torch
 
 from tlr_exp import keys
 from tlr_exp.assembly import build_split
-from tlr_exp.evaluation import evaluate_policy
+from tlr_exp.evaluation.result import evaluate_policy
 from tlr_exp.networks import in_float32
 from tlr_exp.records.checkpoint_files import read_scores
 from tlr_exp.records.extending import extend
@@ -121,7 +121,7 @@ def test_an_evaluation_is_the_mean_over_its_start_phases(tmp_path, settings_of):
     env, actor = training.evaluation_env, training.trainer.ppo.actor
     assert env.start_frame.tolist() == [0, 9, 19, 29]  # of 39 control steps
     with in_float32(actor):
-        each = [result for _, result in evaluate_policy(env, actor, env.term_names)]
+        each = [result for _, result in evaluate_policy(env, actor, training.judged_split)]
     errors = [(one.upper_body_error_m, one.lower_body_error_m) for one in each]
     assert len(set(errors)) == 4
     upper, lower = np.mean(errors, axis=0)
@@ -136,7 +136,7 @@ def test_an_evaluation_of_one_start_has_the_metrics_of_earlier_runs(tmp_path, se
     training, metrics = evaluated(tmp_path, settings_of, 1)
     env, actor = training.evaluation_env, training.trainer.ppo.actor
     with in_float32(actor):
-        ((_, result),) = evaluate_policy(env, actor, env.term_names)
+        ((_, result),) = evaluate_policy(env, actor, training.judged_split)
     expected = {name: value for name, value in result.metrics().items() if value == value}
     found = {name: value for name, value in metrics.items() if name.startswith(keys.EVAL_PREFIX)}
     assert {name: value for name, value in found.items() if value == value} == expected

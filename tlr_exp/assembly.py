@@ -70,6 +70,14 @@ def build_split(settings: Settings) -> RewardSplit:
     return RewardSplit(reward.goal, optimizing, g1.CONTROL_DT_S)
 
 
+def build_judged_split(settings: Settings) -> RewardSplit:
+    """The two layers as an evaluation judges them: the lower one at full scale.
+
+    So runs whose lower layer was trained at different scales can be compared.
+    """
+    return RewardSplit(settings.reward.goal, settings.reward.optimizing, g1.CONTROL_DT_S)
+
+
 def build_env(settings: Settings, robot: Robot, clip: MotionClip) -> TrackingEnv:
     """The environment that a run trains in."""
     return _build_env(settings, settings.env, robot, clip, settings.scale.num_envs)

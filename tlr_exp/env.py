@@ -123,7 +123,11 @@ class TrackingEnv(EnvBase):
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
         instant = Instant(self.state, self.reference.frame(frame_index))
-        terminated = self._terminated(instant) | unstable
+        fallen = fell(instant, self.settings.termination.max_tilt)
+        terminated = unstable
+        if self.failures:
+            far = far_from_reference(instant, self.distance.value_m)
+            terminated = terminated | fallen | far
         truncated = (frame_index >= self.reference.num_frames - 1) & ~terminated
         done = terminated | truncated
         self.distance.update(self.episode_step, done)
@@ -139,6 +143,7 @@ class TrackingEnv(EnvBase):
                 keys.PRIVILEGED: self.privileged,
                 keys.REWARD_TERMS: terms,
                 **tracking_errors(instant),
+                keys.FELL: fallen[:, None],
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
                 keys.TRUNCATED: truncated[:, None],
@@ -195,13 +200,6 @@ class TrackingEnv(EnvBase):
     def _frame_index(self) -> Tensor:
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
-
-    def _terminated(self, instant: Instant) -> Tensor:
-        if not self.failures:
-            return torch.zeros(self.batch_size, dtype=torch.bool, device=self.device)
-        return fell(instant, self.settings.termination.max_tilt) | far_from_reference(
-            instant, self.distance.value_m
-        )
 
     def _phase(self, frame_index: Tensor) -> Tensor:
         """Phase of the motion within [0, 1], [n, 1] (Eq. 4 of the paper)."""

@@ -1,9 +1,11 @@
-"""Lengths of finished episodes, counted over the batches of a training."""
+"""Episodes of a training, over its batches: how long they last, and how they end."""
 
 from collections import deque
 
 import torch
 from torch import Tensor
+
+from tlr_exp.keys import Ending
 
 
 class EpisodeLengths:
@@ -38,3 +40,24 @@ class EpisodeLengths:
     def load_state_dict(self, state: dict) -> None:
         self.running = state["running"].clone()
         self.last = deque(state["last"], maxlen=self.last.maxlen)
+
+
+def ending_shares(
+    terminated: Tensor, truncated: Tensor, fell: Tensor, unstable: Tensor
+) -> dict[Ending, float]:
+    """Of the episodes that end in a batch the share that ends in each way; NaN where none ends.
+
+    Args:
+        terminated, truncated: whether a step ends its episode by a failure, or at the motion's end.
+        fell, unstable: whether the robot has fallen, and its simulation is no longer finite. All
+            bool, of one shape.
+    """
+    known = terminated & (fell | unstable)
+    counts = {
+        Ending.COMPLETED: truncated,
+        Ending.FELL: known & ~unstable,
+        Ending.TOO_FAR: terminated & ~known,
+        Ending.UNSTABLE: terminated & unstable,
+    }
+    ended = (terminated | truncated).sum()
+    return {kind: (count.sum() / ended).item() for kind, count in counts.items()}

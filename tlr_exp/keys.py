@@ -1,7 +1,9 @@
 """The shared vocabulary: tensordict keys, metric names and reward term names.
 
-This module imports nothing, so that every other room may import it.
+This module imports nothing of the project, so that every other room may import it.
 """
+
+from enum import StrEnum
 
 # --- tensordict keys -------------------------------------------------------------------------
 OBSERVATION = "observation"  # [num_envs, obs_dim], what the actor sees
@@ -15,6 +17,7 @@ DONE = "done"
 UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
 LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
+FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
 UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env.py)
 
 # --- reward terms ----------------------------------------------------------------------------
@@ -75,6 +78,17 @@ PAPER_LOWER_LAYER = (
     TORQUE_LIMITS,
 )
 
+
+# --- episodes --------------------------------------------------------------------------------
+class Ending(StrEnum):
+    """How an episode ends."""
+
+    COMPLETED = "completed"  # the motion's end was reached
+    FELL = "fell"  # the pelvis tilted too far
+    TOO_FAR = "too_far"  # a body was too far from its reference
+    UNSTABLE = "unstable"  # the simulation stopped being finite
+
+
 # --- methods ---------------------------------------------------------------------------------
 # What the arms of the paper's study are called for readers; other methods go by their own name.
 METHOD_NAMES = {"fixed": "static", "gwo": "two-layered (GWO)", "random": "random weights"}
@@ -98,6 +112,8 @@ WEIGHT_PREFIX = "weight/"
 REWARD_TERM_PREFIX = "reward_term/"
 TIME_PREFIX = "time/"
 EVAL_PREFIX = "eval/"
+# Share of the episodes that ended in an iteration, or of roll-outs, by how they ended.
+TRAIN_ENDED_BY, EVAL_ENDED_BY = "train/ended_by/", f"{EVAL_PREFIX}ended_by/"
 EVAL_SUCCESS = (
     f"{EVAL_PREFIX}success"  # share of several roll-outs that no failure would have ended
 )

@@ -26,7 +26,11 @@ VALUE_ROWS = 12288
 
 @dataclass(frozen=True)
 class PpoDiagnostics:
-    """Means over all minibatches of one update."""
+    """Means over all minibatches of one update; the last two are of the whole batch before it.
+
+    ``explained_variance`` is 1 - Var(target - value) / Var(target) of the critic that collected:
+    1 where it foresees every return, 0 where it tells no more than their mean.
+    """
 
     surrogate_loss: float
     value_loss: float
@@ -35,6 +39,7 @@ class PpoDiagnostics:
     clip_fraction: float
     learning_rate: float
     action_std: float
+    explained_variance: float
 
 
 class NonFiniteLossError(RuntimeError):
@@ -147,6 +152,7 @@ class Ppo:
         return PpoDiagnostics(
             *means.tolist(),
             action_std=samples["scale"].mean().item(),
+            explained_variance=explained_variance(samples["value_target"], samples["state_value"]),
         )
 
     @property
@@ -238,6 +244,14 @@ class Ppo:
         self.adam.load_state_dict(state["adam"])
         self.generator.set_state(state["generator"])
         self.exploration.set_state(state["exploration"])
+
+
+def explained_variance(target: Tensor, value: Tensor) -> float:
+    """Share of the variance of ``target`` that ``value`` explains; NaN where there is none."""
+    variance = target.var()
+    if not variance > 0.0:
+        return float("nan")
+    return (1.0 - (target - value).var() / variance).item()
 
 
 @torch.no_grad()

@@ -114,6 +114,23 @@ class RewardSplit:
         scale[len(self.goal_names) :] *= weights.to(reward_terms)
         return (reward_terms * scale).sum(dim=-1, keepdim=True)
 
+    def layers(self, mean_terms: Mapping[str, float]) -> tuple[float, float]:
+        """What a second with these raw terms brings, layer by layer, at weights 1.
+
+        Args:
+            mean_terms: raw value of each term by name, of this split's terms at least.
+
+        Returns:
+            the goal reward, and the cost of the lower layer: what it takes from that.
+        """
+        shares = {
+            name: coefficient * mean_terms[name] / self.control_dt_s
+            for name, coefficient in zip(self.term_names, self._coefficients.tolist(), strict=True)
+        }
+        goal = sum(shares[name] for name in self.goal_names)
+        cost = -sum(shares[name] for name in self.optimizing_names)
+        return float(goal), float(cost)
+
     def _coefficients_like(self, like: Tensor) -> Tensor:
         """Coefficient times control step [num_terms], on the device and in the dtype of `like`."""
         key = (like.device, like.dtype)

@@ -13,7 +13,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from tlr_exp import keys
-from tlr_exp.episodes import EpisodeLengths
+from tlr_exp.episodes import EpisodeLengths, ending_shares
 from tlr_exp.landscape import BoxSample
 from tlr_exp.optimizers.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 from tlr_exp.ppo import Ppo, PpoDiagnostics
@@ -85,6 +85,8 @@ class Trainer:
         diagnostics: PpoDiagnostics,
     ) -> dict[str, float]:
         after = batch.to_dict()["next"]
+        flags = (keys.TERMINATED, keys.TRUNCATED, keys.FELL, keys.UNSTABLE)
+        endings = ending_shares(*(after[flag] for flag in flags))
         return {
             keys.ENV_STEPS: self.env_steps,
             keys.EPISODE_LENGTH: self.episodes.mean_length,
@@ -92,6 +94,7 @@ class Trainer:
             keys.TRAIN_LOWER_BODY_ERROR: after[keys.LOWER_BODY_ERROR].mean().item(),
             keys.TRAIN_JOINT_ERROR: after[keys.JOINT_ERROR].mean().item(),
             keys.UNSTABLE_ENVS: after[keys.UNSTABLE].sum().item(),
+            **{f"{keys.TRAIN_ENDED_BY}{kind}": share for kind, share in endings.items()},
             keys.OBJECTIVE_BEFORE: found.baseline_objective,
             keys.OBJECTIVE_AFTER: found.objective,
             keys.OPTIMAL_SHARE: found.optimal_share,

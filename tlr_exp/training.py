@@ -20,12 +20,13 @@ from tlr_exp.assembly import (
     build_clip,
     build_env,
     build_evaluation_env,
+    build_judged_split,
     build_ppo,
     build_robot_of,
     build_trainer,
 )
 from tlr_exp.cores import available_cores
-from tlr_exp.evaluation import EvaluationResult, evaluate_policy, mean_metrics
+from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy, mean_metrics
 from tlr_exp.initial_policy import begin_with
 from tlr_exp.motion.script import KeyframeError
 from tlr_exp.networks import in_float32
@@ -93,6 +94,7 @@ class Training:
         self.env = build_env(settings, robot, clip)
         starts = settings.scale.evaluate_starts
         self.evaluation_env = build_evaluation_env(settings, robot, clip, starts)
+        self.judged_split = build_judged_split(settings)
         ppo = build_ppo(settings)
         # To the CPU, where generator states must be; each part takes the rest to its own device.
         saved = self.store.latest_valid("cpu")
@@ -146,7 +148,7 @@ class Training:
         """The deterministic policy from each start phase to the end of the motion."""
         actor = self.trainer.ppo.actor
         with in_float32(actor):
-            measured = evaluate_policy(self.evaluation_env, actor, self.evaluation_env.term_names)
+            measured = evaluate_policy(self.evaluation_env, actor, self.judged_split)
         return [result for _, result in measured]
 
     def _save(self, iteration: int, score: float | None) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from tlr_exp.evaluate import choose
 from tlr_exp.evaluate.starts import evaluate_starts
-from tlr_exp.evaluation import mean_metrics
+from tlr_exp.evaluation.result import mean_metrics
 from tlr_exp.places import plain_values
 from tlr_exp.records.run_directory import RunDirectory
 

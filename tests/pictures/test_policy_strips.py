@@ -4,18 +4,22 @@ import dataclasses
 
 import numpy as np
 import pytest
+from trajectories import trajectory_of
 
 from tlr_exp import g1
-from tlr_exp.evaluation import Trajectory, evaluate_trajectory
+from tlr_exp.evaluation.result import evaluate_trajectory
+from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.pictures.error_plots import body_error_figure, joint_error_figure
 from tlr_exp.pictures.film import camera_path
 from tlr_exp.pictures.framing import FARTHEST_M, frame_robots
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.pictures.policy_strips import StripRow, moments, policy_strip, strip_lookat
+from tlr_exp.reward import RewardSplit
 
 STEPS = 30
 FALL = 12  # the first step of the falling robot that counts as fallen
 LYING = (np.cos(np.pi / 4), 0.0, np.sin(np.pi / 4), 0.0)  # a quarter turn about y: on its face
+SPLIT = RewardSplit({"body_pos": 1.0}, {}, 0.02)
 LIMITS = {"max_tilt": 0.8, "max_distance_m": 0.3}
 
 
@@ -33,11 +37,7 @@ def standing(short_clip) -> Trajectory:
     qpos = short_clip.qpos[:STEPS].copy()
     qpos[:, 7 + g1.JOINT_NAMES.index("left_elbow_joint")] += 0.1
     bodies = short_clip.body_pos_w[:STEPS]
-    return Trajectory(
-        *(0.02, qpos, short_clip.qpos[:STEPS].copy(), bodies.copy(), bodies.copy()),
-        terms={},
-        unstable=np.zeros(STEPS, dtype=bool),
-    )
+    return trajectory_of(qpos, short_clip.qpos[:STEPS].copy(), bodies.copy(), bodies.copy())
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def falling(standing) -> Trajectory:
 
 
 def row(trajectory: Trajectory, label: str = "static") -> StripRow:
-    result = evaluate_trajectory(trajectory, **LIMITS)
+    result = evaluate_trajectory(trajectory, **LIMITS, split=SPLIT)
     return StripRow(label, trajectory, result, LIMITS["max_tilt"])
 
 
@@ -178,7 +178,9 @@ def test_every_joint_is_drawn_beside_its_reference(standing):
 
 def test_every_body_is_drawn_with_its_distance(falling):
     """0 m before the fall, 0.6 m after it: 18 of 30 steps, 0.36 m on average."""
-    figure = body_error_figure(falling, evaluate_trajectory(falling, **LIMITS), "a run")
+    figure = body_error_figure(
+        falling, evaluate_trajectory(falling, **LIMITS, split=SPLIT), "a run"
+    )
     mean, _, image, bars = figure.axes[:4]
     lines = {line.get_label(): line for line in mean.get_lines()}
     np.testing.assert_allclose(lines["upper body"].get_ydata(), [0.0] * 12 + [0.6] * 18)
@@ -190,6 +192,6 @@ def test_every_body_is_drawn_with_its_distance(falling):
 
 
 def test_what_did_not_happen_is_not_marked(standing):
-    figure = body_error_figure(standing, evaluate_trajectory(standing, **LIMITS), "a run")
+    figure = body_error_figure(standing, evaluate_trajectory(standing, **LIMITS, split=SPLIT), "a run")
     labels = [line.get_label() for line in figure.axes[0].get_lines()]
     assert labels == ["upper body", "lower body"]

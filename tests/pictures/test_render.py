@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from trajectories import trajectory_of
 
 from tlr_exp.pictures.film import film_evaluation
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
@@ -322,11 +323,9 @@ def test_the_backend_is_found_after_mujoco_was_imported_without_one(tmp_path):
 
 @pytest.mark.usefixtures("can_draw")
 def test_film_of_an_evaluation_runs_in_real_time(robot, tmp_path):
-    from tlr_exp.evaluation import Trajectory
-
     qpos = standing(robot, 20)
     bodies = np.zeros((20, 27, 3))
-    trajectory = Trajectory(0.02, qpos, qpos, bodies, bodies, {}, np.zeros(20, dtype=bool))
+    trajectory = trajectory_of(qpos, qpos, bodies, bodies)
     path = film_evaluation(tmp_path / "film.mp4", robot, trajectory, width=64, height=48)
     frames, duration_s = read_video(path)
     assert len(frames) == 10

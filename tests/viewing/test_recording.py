@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from trajectories import trajectory_of
 
-from tlr_exp.evaluation import Trajectory
 from tlr_exp.viewing.recording import (
     Player,
     Recording,
@@ -98,11 +98,8 @@ def test_a_clip_becomes_a_recording(short_clip):
 def test_a_roll_out_becomes_a_recording_with_its_reference(short_clip):
     qpos = short_clip.qpos[:10] + 0.0
     bodies = short_clip.body_pos_w[:10]
-    trajectory = Trajectory(
-        *(0.02, qpos, short_clip.qpos[:10], bodies + np.array([0.0, 0.0, 0.1]), bodies),
-        terms={},
-        unstable=np.zeros(10, dtype=bool),
-    )
+    above = bodies + np.array([0.0, 0.0, 0.1])
+    trajectory = trajectory_of(qpos, short_clip.qpos[:10], above, bodies)
     made = recording_of_trajectory(trajectory, "a run")
     assert made.reference_qpos is not None
     np.testing.assert_array_equal(made.reference_qpos, short_clip.qpos[:10])

@@ -7,10 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.assembly import build_clip, build_evaluation_env, build_robot_of
+from tlr_exp.assembly import (
+    build_clip,
+    build_evaluation_env,
+    build_judged_split,
+    build_robot_of,
+)
 from tlr_exp.env import TrackingEnv
 from tlr_exp.evaluate.choosing import Choice, load_policy
-from tlr_exp.evaluation import EvaluationResult, Trajectory, evaluate_policy
+from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy
+from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.keys import METHOD_NAMES
 from tlr_exp.pictures.policy_strips import StripRow
 from tlr_exp.records.run_directory import RunDirectory
@@ -37,7 +43,7 @@ def evaluate(choice: Choice) -> Evaluation:
         ValueError: as ``load_policy``; the motion cannot be read.
     """
     env, policy = prepare(choice)
-    return Evaluation(choice, *evaluate_policy(env, policy, env.term_names)[0])
+    return Evaluation(choice, *evaluate_policy(env, policy, build_judged_split(choice.settings))[0])
 
 
 def prepare(choice: Choice, starts: int = 1) -> tuple[TrackingEnv, Any]:

@@ -12,11 +12,11 @@ from typing import Any
 from rich.table import Table
 
 from tlr_exp import keys
-from tlr_exp.evaluate.starts import MEASURES
+from tlr_exp.evaluation.measures import MEASURES, SHOWN
 
 # Columns by where they come from. After them come the reward terms.
 OF_THE_RUN = ("run", "arm", "seed", "motion", "iteration", "physics")
-OF_THE_START = ("start_phase", "duration_s", *MEASURES)
+OF_THE_START = ("start_phase", "duration_s", "ended_by", *MEASURES)
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,10 @@ class MeasuredRun:
 
 
 def csv_of(runs: Iterable[MeasuredRun]) -> bytes:
-    """A row for each roll-out; a cell is empty where there is no latency, or no such term."""
+    """A row for each roll-out; a cell is empty where there is no latency, or no such term.
+
+    Records of earlier versions lack measures: their cells are empty, too.
+    """
     rows = [_row(run, start) for run in runs for start in run.each]
     columns = dict.fromkeys([*OF_THE_RUN, *OF_THE_START, *(name for row in rows for name in row)])
     text = io.StringIO()
@@ -52,7 +55,7 @@ def runs_in(content: bytes) -> set[str]:
 def _row(run: MeasuredRun, start: dict[str, Any]) -> dict[str, Any]:
     return {
         **{name: getattr(run, name) for name in OF_THE_RUN},
-        **{name: start[name] for name in OF_THE_START},
+        **{name: start.get(name, "") for name in OF_THE_START},
         **{keys.REWARD_TERM_PREFIX + name: value for name, value in start["terms"].items()},
     }
 
@@ -67,7 +70,7 @@ def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
         title=f"{starts} roll-outs a run: mean ± standard deviation over runs",
         title_justify="left",
     )
-    headings = [heading for heading, *_ in MEASURES.values()]
+    headings = [measure.heading for measure in SHOWN.values()]
     table.add_column("motion, arm")
     for heading in ("runs", f"succeed\nof {starts}", *headings):
         table.add_column(heading, justify="right")
@@ -77,8 +80,8 @@ def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
         table.add_row(
             *(f"{motion}\n{arm}", str(len(members)), _spread(succeeded, 1.0, 1)),
             *(
-                _spread(_means(members, name), factor, decimals)
-                for name, (_, factor, decimals) in MEASURES.items()
+                _spread(_means(members, name), measure.factor, measure.decimals)
+                for name, measure in SHOWN.items()
             ),
         )
     return table
@@ -86,7 +89,7 @@ def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
 
 def _means(runs: Sequence[MeasuredRun], name: str) -> list[float]:
     """Of each run that has any the mean over those roll-outs that have the measure."""
-    known = [[start[name] for start in run.each if start[name] is not None] for run in runs]
+    known = [[start[name] for start in run.each if start.get(name) is not None] for run in runs]
     return [fmean(values) for values in known if values]
 
 

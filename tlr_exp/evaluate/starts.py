@@ -9,20 +9,12 @@ from typing import Any
 
 from rich.table import Table
 
+from tlr_exp.assembly import build_judged_split
 from tlr_exp.evaluate.choosing import Choice
 from tlr_exp.evaluate.policies import Evaluation, prepare
 from tlr_exp.evaluate.records import origin_of
-from tlr_exp.evaluation import EvaluationResult, evaluate_policy
-
-# What is summed up, with its heading, its factor and the decimals in the table.
-MEASURES = {
-    "survival": ("survival\n%", 100.0, 1),
-    "upright": ("upright\n%", 100.0, 1),
-    "upper_body_error_m": ("upper\nbody, m", 1.0, 4),
-    "lower_body_error_m": ("lower\nbody, m", 1.0, 4),
-    "joint_error_rad": ("joints\nrad", 1.0, 4),
-    "latency_ms": ("latency\nms", 1.0, 1),
-}
+from tlr_exp.evaluation.measures import MEASURES, SHOWN
+from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy
 
 
 @dataclass(frozen=True)
@@ -46,7 +38,7 @@ def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start
     """
     env, policy = prepare(choice, starts)
     last = env.reference.num_frames - 1
-    measured = evaluate_policy(env, policy, env.term_names)
+    measured = evaluate_policy(env, policy, build_judged_split(choice.settings))
     frames = env.start_frame.tolist()
     each = [
         Start(frame, frame / last, result)
@@ -94,11 +86,11 @@ def starts_record(each: Sequence[Start]) -> dict[str, Any]:
 
 def starts_table(each: Sequence[Start], title: str) -> Table:
     """A row for each start, and their mean and standard deviation below."""
-    table = Table(title=title, title_justify="left")
-    for heading in ("start\nphase", "of\ns", *(heading for heading, *_ in MEASURES.values())):
+    table = Table(title=title, title_justify="left", pad_edge=False)
+    for heading in ("start\nphase", "of\ns", *(measure.heading for measure in SHOWN.values())):
         table.add_column(heading, justify="right")
     for start in each:
-        values = {name: getattr(start.result, name) for name in MEASURES}
+        values = {name: getattr(start.result, name) for name in SHOWN}
         table.add_row(f"{start.phase:.2f}", f"{start.result.duration_s:.2f}", *_cells(values))
     table.add_section()
     summed = summary(each)
@@ -109,7 +101,4 @@ def starts_table(each: Sequence[Start], title: str) -> Table:
 
 
 def _cells(values: dict[str, float | None]) -> list[str]:
-    return [
-        "-" if (value := values[name]) is None else f"{factor * value:.{decimals}f}"
-        for name, (_, factor, decimals) in MEASURES.items()
-    ]
+    return [measure.text(values[name]) for name, measure in SHOWN.items()]

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tlr_exp.evaluation import EvaluationResult, Trajectory, body_distance, tilt
+from tlr_exp.evaluation.distances import body_distance, tilt
+from tlr_exp.evaluation.result import EvaluationResult
+from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.render import render_frames
 from tlr_exp.robot import Robot

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tlr_exp.evaluation import Trajectory
+from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.pictures.clip_pictures import moment
 from tlr_exp.pictures.film import captions
