@@ -35,7 +35,7 @@ def result_table(result: EvaluationResult, title: str) -> Table:
         ("torque", f"{result.torque_nm:.2f}", "N m, mean of a joint"),
         ("power", f"{result.power_w:.1f}", "W, all joints"),
         ("upper layer", f"{result.goal_reward_per_s:.3f}", "reward per second"),
-        ("lower layer", f"{result.lower_layer_cost_per_s:.3f}", "cost per second at weights 1"),
+        ("lower layer", f"{result.lower_layer_cost_per_s:.4f}", "cost per second at weights 1"),
         *((name, f"{value:.4g}", "mean raw term") for name, value in result.terms.items()),
     ]
     for row in rows:

@@ -86,7 +86,7 @@ def starts_record(each: Sequence[Start]) -> dict[str, Any]:
 
 def starts_table(each: Sequence[Start], title: str) -> Table:
     """A row for each start, and their mean and standard deviation below."""
-    table = Table(title=title, title_justify="left", pad_edge=False)
+    table = Table(title=title, title_justify="left")
     for heading in ("start\nphase", "of\ns", *(measure.heading for measure in SHOWN.values())):
         table.add_column(heading, justify="right")
     for start in each:

@@ -33,10 +33,10 @@ MEASURES = {
     "lower_body_error_root_m": Measure("lower, from\npelvis, m", in_tables=False),
     "joint_error_rad": Measure("joints\nrad"),
     "joint_velocity_error_rad_s": Measure("joints\nrad/s", decimals=3, in_tables=False),
-    "latency_ms": Measure("latency\nms", decimals=1),
+    "latency_ms": Measure("lag\nms", decimals=1),
     "torque_nm": Measure("torque\nN m", decimals=2, in_tables=False),
     "power_w": Measure("power\nW", decimals=1, in_tables=False),
-    "goal_reward_per_s": Measure("upper\nlayer", decimals=3, in_tables=False),
-    "lower_layer_cost_per_s": Measure("lower\nlayer", decimals=3),
+    "goal_reward_per_s": Measure("upper\nlayer", in_tables=False),
+    "lower_layer_cost_per_s": Measure("lower\nlayer"),
 }
 SHOWN = {name: measure for name, measure in MEASURES.items() if measure.in_tables}
