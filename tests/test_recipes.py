@@ -98,7 +98,7 @@ def test_the_fast_recipe_differs_where_the_documentation_says_so():
     assert {key for key in paper if fast[key] != paper[key]} == {
         *("recipe", "env.observation", "env.action", "env.termination.distance_start_m"),
         *("ppo.initial_std", "ppo.entropy_coeff"),
-        *("ppo.learning_rate", "ppo.target_kl", "ppo.final_learning_rate", "ppo.decay_from"),
+        *("ppo.target_kl", "ppo.final_learning_rate", "ppo.gamma", "ppo.hidden_sizes"),
     }
 
 
