@@ -1,7 +1,9 @@
 """The recipes that are compared: what ``variants.yaml`` says."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -29,6 +31,13 @@ def load_variants(names: list[str], file: Path = FILE) -> list[Variant]:
     if unknown:
         raise ValueError(f"no variant {', '.join(unknown)}; there are {', '.join(known)}")
     return [
-        Variant(name, known[name]["question"], (*content["base"], *known[name]["overrides"]))
+        Variant(name, known[name]["question"], (*content["base"], *_overrides(name, known)))
         for name in names or known
     ]
+
+
+def _overrides(name: str, known: Mapping[str, Any]) -> list[str]:
+    """What a variant changes, after what the variant changes that it is a variant of."""
+    parent = known[name].get("of")
+    inherited = _overrides(parent, known) if parent else []
+    return [*inherited, *known[name]["overrides"]]
