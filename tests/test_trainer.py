@@ -77,10 +77,12 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
         num_envs=NUM_ENVS,
     )
     metrics = [trainer.train_iteration() for _ in range(2)]
+    mean_cost = batch_of(first)["next", keys.REWARD_TERMS][..., 1].mean().item()
+    costs = {"ang_vel_xy": pytest.approx(mean_cost)}
     assert optimizer.heard == [
-        TrainingProgress(pytest.approx(2.5), NUM_STEPS),
+        TrainingProgress(pytest.approx(2.5), NUM_STEPS, costs),
         "update",
-        TrainingProgress(pytest.approx(14 / 3), NUM_STEPS),
+        TrainingProgress(pytest.approx(14 / 3), NUM_STEPS, costs),
         "update",
     ]
     assert [m[keys.EPISODE_LENGTH] for m in metrics] == [2.5, pytest.approx(14 / 3)]

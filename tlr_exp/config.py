@@ -25,6 +25,8 @@ from tlr_exp.constraints import violations
 from tlr_exp.input_files import INITIAL, is_motion_path
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
+from tlr_exp.records.final_metrics import final_terms
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.settings import RewardSettings, Settings
 
 CONFIG_PATH = "pkg://tlr_exp.conf"
@@ -53,10 +55,11 @@ def plain_config(config: DictConfig) -> dict[str, Any]:
 def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
     """A plain configuration that means the same files whenever and wherever it is read again.
 
-    A run to begin from becomes the checkpoint of it that is the best one now.
+    A run to begin from becomes the checkpoint of it that is the best one now; a run whose costs are
+    limits becomes these limits.
 
     Raises:
-        ConfigError: there is no run or checkpoint to begin from.
+        ConfigError: there is no run or checkpoint to begin from, or no run to take limits from.
     """
     env = dict(config["env"])
     robot = dict(env["robot"])
@@ -64,7 +67,35 @@ def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
         robot["mjcf"] = str(Path(robot["mjcf"]).absolute())
     if is_motion_path(env["motion"]):
         env["motion"] = str(Path(env["motion"]).absolute())
-    return {**config, "env": {**env, "robot": robot}, INITIAL: _initial_file(config)}
+    return {
+        **config,
+        "env": {**env, "robot": robot},
+        "optimizer": _with_limits(config["optimizer"]),
+        INITIAL: _initial_file(config),
+    }
+
+
+def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
+    """An optimizer whose limits, where ``reference`` names a run, are shares of that run's costs.
+
+    A cost that the run does not have gets no limit.
+    """
+    reference = optimizer.get("reference")
+    if reference is None:
+        return optimizer
+    try:
+        costs = final_terms(RunDirectory.open(Path(str(reference))).metrics())
+    except RunDirectoryError as error:
+        raise ConfigError(f"optimizer.reference: {error}") from error
+    share = optimizer["reference_share"]
+    limits = {
+        name: share * cost
+        for name, cost in costs.items()
+        if name in keys.LOWER_LAYER_TERMS and cost > 0.0
+    }
+    if not limits:
+        raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")
+    return {**optimizer, "limits": limits, "reference": None, "reference_share": 1.0}
 
 
 def _initial_file(config: Mapping[str, Any]) -> str | None:
@@ -267,6 +298,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
     lower, upper = settings.optimizer.get("lower"), settings.optimizer.get("upper")
     if isinstance(lower, int | float) and isinstance(upper, int | float) and lower >= upper:
         yield f"optimizer.lower is {lower}; allowed: below optimizer.upper, which is {upper}"
+    yield from _limit_problems(settings.optimizer.get("limits"))
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"
@@ -279,6 +311,15 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
     if settings.env.robot.mjcf is not None and not Path(settings.env.robot.mjcf).is_file():
         yield f"env.robot.mjcf: there is no file {settings.env.robot.mjcf}"
     yield from _motion_problems(settings.env.motion)
+
+
+def _limit_problems(limits: Any) -> Iterator[str]:
+    for name, limit in (limits or {}).items():
+        if name not in keys.LOWER_LAYER_TERMS:
+            allowed = ", ".join(keys.LOWER_LAYER_TERMS)
+            yield f"optimizer.limits.{name} is no term of the lower layer; allowed: {allowed}"
+        elif isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
+            yield f"optimizer.limits.{name} is {limit!r}; allowed: a number above 0"
 
 
 def _motion_problems(motion: str) -> Iterator[str]:

@@ -79,6 +79,10 @@ PAPER_LOWER_LAYER = (
 )
 
 
+# What a limit can be set to: every cost, and no tracking term.
+LOWER_LAYER_TERMS = (*PAPER_LOWER_LAYER, TORQUES, TERMINATION)
+
+
 # --- episodes --------------------------------------------------------------------------------
 class Ending(StrEnum):
     """How an episode ends."""

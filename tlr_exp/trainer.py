@@ -4,7 +4,7 @@ The trainer knows neither the environment nor which weight optimizer is in use; 
 surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.training``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from time import perf_counter
@@ -64,9 +64,8 @@ class Trainer:
         self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         terms = batch["next", keys.REWARD_TERMS]
         returns = self.split.returns(terms)
-        episodes = TrainingProgress(self.episodes.mean_length, num_steps=batch.shape[1])
         with self._timed("weights"):
-            self.weight_optimizer.observe(episodes)
+            self.weight_optimizer.observe(self._progress(batch))
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
@@ -76,6 +75,15 @@ class Trainer:
         with self._timed("landscape"):
             box_share = self.box_sample.optimal_share(*returns, found.objective)
         return self._metrics(batch, found, box_share, diagnostics)
+
+    def _progress(self, batch: TensorDictBase) -> TrainingProgress:
+        """What a weight optimizer may know of the training besides the returns."""
+        means = _named("", self.split.term_names, _mean_terms(batch["next"]))
+        return TrainingProgress(
+            mean_episode_length=self.episodes.mean_length,
+            num_steps=batch.shape[1],
+            mean_terms={name: means[name] for name in self.split.optimizing_names},
+        )
 
     def _metrics(
         self,
@@ -128,7 +136,7 @@ class Trainer:
         self.env_steps = state["env_steps"]
 
 
-def _mean_terms(after: dict[str, Tensor]) -> Tensor:
+def _mean_terms(after: Mapping[str, Tensor] | TensorDictBase) -> Tensor:
     return after[keys.REWARD_TERMS].flatten(0, 1).mean(dim=0)
 
 

@@ -13,12 +13,13 @@ from landscapes import Recorder, constant, plateau, uneven_bowl
 from omegaconf import OmegaConf
 
 import conf
+from tlr_exp import keys
 from tlr_exp.config import instantiate
 from tlr_exp.objective import RankDeviation
 from tlr_exp.optimizers.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 
 CHOICES = sorted(path.stem for path in (Path(conf.__path__[0]) / "optimizer").glob("*.yaml"))
-UNSEARCHED = ["curriculum", "fixed", "random", "zero"]
+UNSEARCHED = ["curriculum", "fixed", "lagrangian", "random", "zero"]
 SEARCHES = [choice for choice in CHOICES if choice not in UNSEARCHED]
 BOXED = [*(choice for choice in SEARCHES if choice != "effective_dimension"), "random"]
 # Beside every choice with its own settings, those that keep more between iterations.
@@ -30,7 +31,8 @@ VARIANTS = [
     ("effective_dimension", {"inner": {"warm_start": True}}),
 ]
 BUDGET = 30 + 30 * 50  # of the paper's search, as conf/optimizer/gwo.yaml has it
-NUM_TERMS = 5
+COSTS = dict.fromkeys(keys.PAPER_LOWER_LAYER[:5], 0.3)
+NUM_TERMS = len(COSTS)
 
 
 @functools.cache
@@ -99,7 +101,7 @@ def test_a_saved_optimizer_continues_bit_for_bit(
 ) -> None:
     alone = make(choice, seed=3, **settings)
     for iteration in range(2):
-        alone.observe(TrainingProgress(mean_episode_length=50.0, num_steps=24))
+        alone.observe(TrainingProgress(50.0, 24, mean_terms=COSTS))
         alone.update(*returns(iteration))
     torch.save(alone.state_dict(), tmp_path / "optimizer.pt")
     expected = [alone.update(*returns(iteration)) for iteration in (2, 3)]

@@ -192,6 +192,8 @@ def test_every_body_is_drawn_with_its_distance(falling):
 
 
 def test_what_did_not_happen_is_not_marked(standing):
-    figure = body_error_figure(standing, evaluate_trajectory(standing, **LIMITS, split=SPLIT), "a run")
+    figure = body_error_figure(
+        standing, evaluate_trajectory(standing, **LIMITS, split=SPLIT), "a run"
+    )
     labels = [line.get_label() for line in figure.axes[0].get_lines()]
     assert labels == ["upper body", "lower body"]

@@ -1,6 +1,7 @@
 """What the training loop knows of a weight optimizer, and nothing more."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from torch import Tensor
@@ -36,10 +37,13 @@ class TrainingProgress:
         mean_episode_length: mean over the last finished episodes, control steps, those included
             that ended in the batch of this iteration.
         num_steps: control steps of each environment in this batch.
+        mean_terms: mean raw value of each optimizing term in this batch, in its own unit; in the
+            order of the weights.
     """
 
     mean_episode_length: float
     num_steps: int
+    mean_terms: Mapping[str, float] = field(default_factory=dict)
 
 
 class WeightOptimizer(Protocol):

@@ -12,6 +12,7 @@ from tlr_exp.keys import (
     EVAL_PREFIX,
     FINAL_PREFIX,
     ITERATION,
+    REWARD_TERM_PREFIX,
     TRAIN_JOINT_ERROR,
     TRAIN_LOWER_BODY_ERROR,
     TRAIN_UPPER_BODY_ERROR,
@@ -31,9 +32,7 @@ def final_metrics(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """
     if not rows:
         return {}
-    # Rounded, so that (1 - 0.2) * 15 does not keep iteration 12 in.
-    start = round((1.0 - FINAL_SHARE) * rows[-1][ITERATION], 9)
-    last = [row for row in rows if row[ITERATION] > start]
+    last = _end_of(rows)
     final = {}
     for name in AVERAGED:
         if values := list(_finite(last, name)):
@@ -43,6 +42,25 @@ def final_metrics(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
             if name.startswith(EVAL_PREFIX) and (values := list(_finite([row], name))):
                 final[f"{FINAL_PREFIX}eval_{name.removeprefix(EVAL_PREFIX)}"] = values[0]
     return {name: float(f"{value:.9g}") for name, value in final.items()}
+
+
+def final_terms(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean raw value of each reward term over the same iterations, by name of the term."""
+    if not rows:
+        return {}
+    last = _end_of(rows)
+    recorded = [name for name in rows[-1] if name.startswith(REWARD_TERM_PREFIX)]
+    return {
+        name.removeprefix(REWARD_TERM_PREFIX): fmean(values)
+        for name in recorded
+        if (values := list(_finite(last, name)))
+    }
+
+
+def _end_of(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    # Rounded, so that (1 - 0.2) * 15 does not keep iteration 12 in.
+    start = round((1.0 - FINAL_SHARE) * rows[-1][ITERATION], 9)
+    return [row for row in rows if row[ITERATION] > start]
 
 
 def _finite(rows: Sequence[Mapping[str, Any]], name: str) -> Iterator[float]:
