@@ -79,6 +79,31 @@ def build_robot(
         ValueError: an unknown choice, a file that MuJoCo cannot read, or a model that lacks a
             joint or a link (the message lists what the model has).
     """
+    model = _compiled(robot_spec(mjcf, gains, collisions, visuals), mjcf)
+    return Robot(
+        model=model,
+        gains=gains,
+        body_ids=np.array([model.body(name).id for name in TRACKED_BODIES]),
+        foot_body_ids=np.array([model.body(name).id for name in FOOT_BODIES]),
+        **joint_tables(gains),
+    )
+
+
+def robot_xml(gains: str = "beyondmimic", collisions: str = "full") -> str:
+    """Menagerie's robot as ``build_robot`` makes it, as MJCF that needs no other file.
+
+    Raises:
+        FileNotFoundError, ValueError: as ``build_robot``.
+    """
+    spec = robot_spec(None, gains, collisions)
+    _compiled(spec, None)  # MuJoCo writes compiled models alone
+    return spec.to_xml()
+
+
+def robot_spec(
+    mjcf: str | Path | None, gains: str, collisions: str, visuals: bool = False
+) -> mujoco.MjSpec:
+    """The edited model, not compiled; see ``build_robot``."""
     check_choice("env.robot.gains", gains, GAIN_SETS)
     check_choice("env.robot.collisions", collisions, COLLISION_SETS)
     spec = load_spec(mjcf)
@@ -96,18 +121,16 @@ def build_robot(
     for name, (parent, offset) in EXTENDED_BODIES.items():
         if spec.body(name) is None:
             spec.body(parent).add_body(name=name, pos=offset)
+    return spec
+
+
+def _compiled(spec: mujoco.MjSpec, mjcf: str | Path | None) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except ValueError as error:
         raise ValueError(f"env.robot.mjcf: MuJoCo cannot compile {mjcf}: {error}") from error
     _check_order(model)
-    return Robot(
-        model=model,
-        gains=gains,
-        body_ids=np.array([model.body(name).id for name in TRACKED_BODIES]),
-        foot_body_ids=np.array([model.body(name).id for name in FOOT_BODIES]),
-        **tables,
-    )
+    return model
 
 
 def load_spec(mjcf: str | Path | None = None) -> mujoco.MjSpec:

@@ -196,8 +196,8 @@ def refused(capsys, *arguments: object) -> str:
 
 
 def test_a_form_that_is_not_known_is_named_before_the_run_is_read(tmp_path, capsys):
-    error = refused(capsys, tmp_path / "no-run", "-o", tmp_path / "policy.onnx")
-    assert "'.onnx'" in error
+    error = refused(capsys, tmp_path / "no-run", "-o", tmp_path / "policy.pb")
+    assert "'.pb'" in error
     assert "no-run" not in error
 
 

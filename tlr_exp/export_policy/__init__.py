@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from tlr_exp.outputs import add_force
@@ -29,11 +30,35 @@ def _export(options: argparse.Namespace) -> None:
         ValueError, OSError: no such form; or as the form's own function.
     """
     output: Path = options.output
-    if output.suffix:
+    if output.suffix not in ("", ".onnx"):
         raise ValueError(
             f"{output}: there is no form of a policy for the suffix {output.suffix!r}; a name "
-            "without a suffix is written as a folder"
+            "without a suffix is written as a folder, one that ends in .onnx as one file"
         )
+    if output.suffix == ".onnx":
+        _export_onnx(options)
+    else:
+        _export_folder(options)
+
+
+def _export_onnx(options: argparse.Namespace) -> None:
+    missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
+    if missing:
+        raise ValueError(f"{' and '.join(missing)} missing: pip install '.[onnx]' in the checkout")
+    from tlr_exp.evaluate.choosing import choose
+    from tlr_exp.export_policy.onnx_file import write_onnx
+
+    choice = choose(options.run, options.checkpoint)
+    difference = write_onnx(choice, options.output, options.force)
+    size = options.output.stat().st_size
+    print(
+        f"wrote {options.output}: {choice.run.name}, iteration {choice.iteration}, "
+        f"{size / 1e6:.1f} MB; its actions are PyTorch's to {difference:.0e}"
+    )
+
+
+def _export_folder(options: argparse.Namespace) -> None:
+    output: Path = options.output
     # After what can be checked at once: it loads PyTorch and MuJoCo, which takes seconds.
     from tlr_exp.export_policy.folder import check_output, write_folder
 
@@ -53,7 +78,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Write the policy of a run as a folder of about 2 MB that tlr-evaluate takes "
         "like the run, wherever it lies: configuration, motion, the network that acts with what "
         "normalises its input, and where it comes from. It names no people, machines or places, "
-        "and cannot be trained further.",
+        "and cannot be trained further. Or as an ONNX file with the reference and all that a "
+        "controller needs.",
     )
     parser.add_argument("run", type=Path, metavar="RUN", help="run directory, or a checkpoint file")
     parser.add_argument(
@@ -61,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar="PATH",
-        help="the folder to write; a suffix, as in NAME.onnx, is refused: no other form is known",
+        help="the folder to write; or NAME.onnx, one file for a controller (docs/deploy.md)",
     )
     parser.add_argument(
         "--checkpoint",
