@@ -4,7 +4,7 @@ The trainer knows neither the environment nor which weight optimizer is in use; 
 surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.training``.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from time import perf_counter
@@ -78,7 +78,7 @@ class Trainer:
 
     def _progress(self, batch: TensorDictBase) -> TrainingProgress:
         """What a weight optimizer may know of the training besides the returns."""
-        means = _named("", self.split.term_names, _mean_terms(batch["next"]))
+        means = _named("", self.split.term_names, _mean_terms(batch["next", keys.REWARD_TERMS]))
         return TrainingProgress(
             mean_episode_length=self.episodes.mean_length,
             num_steps=batch.shape[1],
@@ -93,6 +93,7 @@ class Trainer:
         diagnostics: PpoDiagnostics,
     ) -> dict[str, float]:
         after = batch.to_dict()["next"]
+        mean_terms = _mean_terms(after[keys.REWARD_TERMS])
         flags = (keys.TERMINATED, keys.TRUNCATED, keys.FELL, keys.UNSTABLE)
         endings = ending_shares(*(after[flag] for flag in flags))
         return {
@@ -108,7 +109,7 @@ class Trainer:
             keys.OPTIMAL_SHARE: found.optimal_share,
             keys.BOX_OPTIMAL_SHARE: box_share,
             keys.STEP_REWARD: after[keys.REWARD].mean().item(),
-            **_named(keys.REWARD_TERM_PREFIX, self.split.term_names, _mean_terms(after)),
+            **_named(keys.REWARD_TERM_PREFIX, self.split.term_names, mean_terms),
             **_named(keys.WEIGHT_PREFIX, self.split.optimizing_names, found.weights),
             **{keys.PPO_PREFIX + name: value for name, value in asdict(diagnostics).items()},
             **{f"{keys.TIME_PREFIX}{name}_s": value for name, value in self.seconds.items()},
@@ -136,8 +137,8 @@ class Trainer:
         self.env_steps = state["env_steps"]
 
 
-def _mean_terms(after: Mapping[str, Tensor] | TensorDictBase) -> Tensor:
-    return after[keys.REWARD_TERMS].flatten(0, 1).mean(dim=0)
+def _mean_terms(reward_terms: Tensor) -> Tensor:
+    return reward_terms.flatten(0, 1).mean(dim=0)
 
 
 def _named(prefix: str, names: tuple[str, ...], values: Tensor) -> dict[str, float]:
