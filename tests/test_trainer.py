@@ -79,10 +79,12 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
     metrics = [trainer.train_iteration() for _ in range(2)]
     mean_cost = batch_of(first)["next", keys.REWARD_TERMS][..., 1].mean().item()
     costs = {"ang_vel_xy": pytest.approx(mean_cost)}
+    # The only goal term: its mean is the share of the largest goal reward.
+    share = pytest.approx(batch_of(first)["next", keys.REWARD_TERMS][..., 0].mean().item())
     assert optimizer.heard == [
-        TrainingProgress(pytest.approx(2.5), NUM_STEPS, costs),
+        TrainingProgress(pytest.approx(2.5), NUM_STEPS, costs, share),
         "update",
-        TrainingProgress(pytest.approx(14 / 3), NUM_STEPS, costs),
+        TrainingProgress(pytest.approx(14 / 3), NUM_STEPS, costs, share),
         "update",
     ]
     assert [m[keys.EPISODE_LENGTH] for m in metrics] == [2.5, pytest.approx(14 / 3)]

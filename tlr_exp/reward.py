@@ -123,13 +123,23 @@ class RewardSplit:
         Returns:
             the goal reward, and the cost of the lower layer: what it takes from that.
         """
-        shares = {
-            name: coefficient * mean_terms[name] / self.control_dt_s
-            for name, coefficient in zip(self.term_names, self._coefficients.tolist(), strict=True)
-        }
+        shares = {name: value * mean_terms[name] for name, value in self._per_second().items()}
         goal = sum(shares[name] for name in self.goal_names)
         cost = -sum(shares[name] for name in self.optimizing_names)
         return float(goal), float(cost)
+
+    def goal_share(self, mean_terms: Mapping[str, float]) -> float:
+        """The goal reward of these raw terms as a share of that of perfect tracking.
+
+        There every tracking term is 1, and every term that is taken off is 0.
+        """
+        perfect = {name: float(value > 0.0) for name, value in self._per_second().items()}
+        return self.layers(mean_terms)[0] / self.layers(perfect)[0]
+
+    def _per_second(self) -> dict[str, float]:
+        """The coefficient of each term."""
+        coefficients = (self._coefficients / self.control_dt_s).tolist()
+        return dict(zip(self.term_names, coefficients, strict=True))
 
     def _coefficients_like(self, like: Tensor) -> Tensor:
         """Coefficient times control step [num_terms], on the device and in the dtype of `like`."""

@@ -83,6 +83,7 @@ class Trainer:
             mean_episode_length=self.episodes.mean_length,
             num_steps=batch.shape[1],
             mean_terms={name: means[name] for name in self.split.optimizing_names},
+            goal_share=self.split.goal_share(means),
         )
 
     def _metrics(

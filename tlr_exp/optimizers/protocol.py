@@ -1,5 +1,6 @@
 """What the training loop knows of a weight optimizer, and nothing more."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -39,11 +40,13 @@ class TrainingProgress:
         num_steps: control steps of each environment in this batch.
         mean_terms: mean raw value of each optimizing term in this batch, in its own unit; in the
             order of the weights.
+        goal_share: mean goal reward of a step in this batch, as a share of perfect tracking's.
     """
 
     mean_episode_length: float
     num_steps: int
     mean_terms: Mapping[str, float] = field(default_factory=dict)
+    goal_share: float = math.nan
 
 
 class WeightOptimizer(Protocol):
