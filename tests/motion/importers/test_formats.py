@@ -133,12 +133,12 @@ def test_every_dress_of_joblib(options, written, robot, short_clip):
 
 def test_one_of_several_motions(written, robot, short_clip):
     other = asap_motion(short_clip)
-    other["root_trans_offset"] = other["root_trans_offset"] + np.float32(1)
+    other["root_trans_offset"] = other["root_trans_offset"] + np.float32([1, 1, 0])
     path = written(to_joblib({"one": asap_motion(short_clip), "two": other}))
     with pytest.raises(MotionFileError, match=r"2 motions.*--motion NAME: one, two"):
         import_motion(path, robot)
     clip = import_motion(path, robot, options=Options(motion="two")).clip
-    np.testing.assert_allclose(clip.qpos[:, :3], short_clip.qpos[:, :3] + 1, atol=1e-6)
+    np.testing.assert_allclose(clip.qpos[:, :3], short_clip.qpos[:, :3] + [1, 1, 0], atol=1e-6)
     with pytest.raises(MotionFileError, match=r"no motion 'three'"):
         import_motion(path, robot, options=Options(motion="three"))
 
