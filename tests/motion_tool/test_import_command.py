@@ -28,7 +28,7 @@ def test_import_writes_a_clip_and_a_report(tmp_path, short_clip, capsys):
     np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
-        f"{table}: lafan1, 41 frames at 50 fps",
+        f"{table}: lafan1, 41 frames at 50 fps, joints in the order of mujoco",
         "  forward kinematics: not compared, the file carries no body positions",
         f"{output}: 41 frames at 50 fps, 0.80 s",
     ]

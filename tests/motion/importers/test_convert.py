@@ -16,6 +16,7 @@ from foreign_files import (
     to_joblib,
     tracking,
 )
+from wild_files import FORMATS, WILD
 
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.containers import MAX_BYTES
@@ -122,12 +123,14 @@ def test_no_motion_at_all(data, written, robot):
     refusal(written(data), robot)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [*WRITERS, *WILD])
 def test_a_file_cut_off(name, motion_files, written, robot):
-    """A CSV cut at a line's end is a shorter motion; every other cut shows."""
+    """A table cut in its last cell or at a line's end is shorter; every other cut shows."""
     data = motion_files[name]
     for share in (0.1, 0.5, 0.95):
-        refusal(written(data[: int(len(data) * share)]), robot)
+        cut = data[: int(len(data) * share)]
+        is_table = FORMATS.get(name, name) in ("lafan1", "bones-seed")
+        refusal(written(cut[: cut.rindex(b",")] if is_table else cut), robot)
 
 
 def test_huge_file_is_refused_before_it_is_read(tmp_path, robot):

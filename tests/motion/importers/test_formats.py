@@ -19,6 +19,7 @@ from foreign_files import (
     to_joblib,
     tracking,
 )
+from wild_files import FORMATS, WILD, WITHOUT_RATE
 
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
@@ -29,12 +30,11 @@ from tlr_exp.motion.quaternions import angle_between, continuous
 REAL = Path(__file__).parents[4] / "shared" / "motions"
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [*WRITERS, *WILD])
 def test_round_trip(name, motion_files, written, robot, short_clip):
-    # A table does not say that it has 50 frames a second.
-    options = Options(fps=50.0) if name == "lafan1" else None
+    options = Options(fps=50.0) if name in WITHOUT_RATE else None
     imported = import_motion(written(motion_files[name]), robot, options=options)
-    assert imported.format == {"mjlab": "beyondmimic"}.get(name, name)
+    assert imported.format == FORMATS.get(name, name)
     assert imported.clip.fps == 50
     # Several formats hold float32.
     np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-6)
@@ -42,9 +42,13 @@ def test_round_trip(name, motion_files, written, robot, short_clip):
     assert not imported.clamps
 
 
-@pytest.mark.parametrize("name", ["gmr", "mjlab", "beyondmimic", "holosoma", "locomujoco", "tlr"])
+BODIES = ["gmr", "mjlab", "beyondmimic", "holosoma", "locomujoco", "tlr"]
+BODIES += ["unilab", "hdmi", "amp", "protomotions", "protomotions-library"]
+
+
+@pytest.mark.parametrize("name", BODIES)
 def test_carried_bodies_agree_with_forward_kinematics(name, motion_files, written, robot):
-    gap = import_motion(written(motion_files[name]), robot).gap
+    gap = import_motion(written(motion_files[name]), robot, options=Options(fps=50.0)).gap
     assert gap is not None
     assert gap.max_m < 1e-6
 

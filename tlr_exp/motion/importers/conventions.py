@@ -29,6 +29,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "angles": ("rad", "deg"),
     "joint_order": ("mujoco", "isaac"),
 }
+LARGEST_RAD = 7.0  # no joint of a motion is turned further
 MAX_POSITION_M = 1000.0
 # Projects that blend quaternions linearly leave them shorter than 1: at 0.9, two that are 52
 # degrees apart. What is shorter still is no orientation.

@@ -11,6 +11,7 @@ from tlr_exp.motion.importers.joints import ORDERS
 from tlr_exp.motion.importers.raw import (
     Bodies,
     Conventions,
+    ImplausibleError,
     MotionFileError,
     RawMotion,
     Recorded,
@@ -39,18 +40,22 @@ def kinematics_gap(qpos: np.ndarray, bodies: Bodies, robot: Robot) -> Kinematics
     Without names, each link of ours is compared with the nearest of the file's bodies.
     """
     ours = body_states(robot, qpos, np.zeros((len(qpos), robot.model.nv)))["body_pos_w"]
+    distance = distances(ours, bodies)
     names = LINK_NAMES if bodies.names is None else bodies.names
-    ours = ours[:, [TRACKED_BODIES.index(name) for name in names]]
-    if bodies.names is None:
-        columns = [
-            np.linalg.norm(bodies.pos_w - ours[:, [i]], axis=-1).min(axis=1)
-            for i in range(len(names))
-        ]
-        distance = np.stack(columns, axis=1)
-    else:
-        distance = np.linalg.norm(ours - bodies.pos_w, axis=-1)
     frame, body = np.unravel_index(distance.argmax(), distance.shape)
     return KinematicsGap(float(distance.max()), float(distance.mean()), names[body], int(frame))
+
+
+def distances(ours: np.ndarray, bodies: Bodies) -> np.ndarray:
+    """Of each compared body from ours [T, 27, 3], in metres: [T, n], or [T, 24] without names."""
+    names = LINK_NAMES if bodies.names is None else bodies.names
+    ours = ours[:, [TRACKED_BODIES.index(name) for name in names]]
+    if bodies.names is not None:
+        return np.linalg.norm(ours - bodies.pos_w, axis=-1)
+    nearest = [
+        np.linalg.norm(bodies.pos_w - ours[:, [i]], axis=-1).min(axis=1) for i in range(len(names))
+    ]
+    return np.stack(nearest, axis=1)
 
 
 def with_order(recorded: Recorded, conventions: Conventions, robot: Robot) -> RawMotion:
@@ -76,7 +81,7 @@ def with_order(recorded: Recorded, conventions: Conventions, robot: Robot) -> Ra
     first, second = np.argsort(gaps)[:2]
     found = readings[0].bodies.names is not None or gaps[first] < FOUND_M
     if gaps[first] > 0.5 * gaps[second] or not found:
-        raise MotionFileError(
+        raise ImplausibleError(
             f"its body positions fit neither joint order (they are off by {gaps[first]:.3f} m on "
             f"average in the order of {ORDERS[first]}, {gaps[second]:.3f} m in that "
             f"of {ORDERS[second]}); give --joint-order"

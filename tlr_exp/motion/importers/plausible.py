@@ -12,7 +12,8 @@ from itertools import product as combinations
 import numpy as np
 
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
-from tlr_exp.motion.importers.conventions import interpret, open_choices
+from tlr_exp.motion.importers.conventions import LARGEST_RAD, open_choices
+from tlr_exp.motion.importers.kinematics import with_order
 from tlr_exp.motion.importers.raw import (
     Conventions,
     MotionFileError,
@@ -21,13 +22,15 @@ from tlr_exp.motion.importers.raw import (
     Recorded,
     thinned,
 )
-from tlr_exp.motion.importers.stance import FRAMES, UPRIGHT, Stance, StanceMeter
+from tlr_exp.motion.importers.stance import FRAMES, SPEED_M_S, UPRIGHT, Stance, StanceMeter
 from tlr_exp.motion.joint_limits import furthest_beyond
 from tlr_exp.motion.quaternions import rotate
 from tlr_exp.robot import Robot
 
 # Of two readings that both stand, the one with the flatter sole is right, if it is this much so.
-_FLATTER, _FLATTER_BY_RAD = 0.6, 0.03
+_FLATTER, _FLATTER_BY_RAD = 0.6, 0.015
+# Bodies of a file that are further from where its joints put them, and would be nearer.
+_GAP_M, _NEARER = 0.05, 0.3
 
 _Z = np.array([0.0, 0.0, 1.0])
 _WORDS = {
@@ -69,11 +72,12 @@ def check_plausible(
             f"{now.fault} in most frames, and no other reading stands upright on the floor at z = "
             f"0 either; --anyway imports it as it is{_remedy(now)}"
         )
+    if better is not None and _nearer(better[1], now):
+        what = f"its bodies are {now.gap_m:.2f} m from where its joints put them"
+        raise MotionFileError(f"{what}; {suggestion(raw.conventions, better[0])}")
     if better is not None and _flatter(better[1], now):
-        raise MotionFileError(
-            f"the soles are {np.degrees(now.tilt_rad):.0f} degrees off the floor; "
-            f"{suggestion(raw.conventions, better[0])}"
-        )
+        what = f"the soles are {np.degrees(now.tilt_rad):.0f} degrees off the floor"
+        raise MotionFileError(f"{what}; {suggestion(raw.conventions, better[0])}")
 
 
 def likely_reading(
@@ -87,6 +91,9 @@ def likely_reading(
     free = [key for key in choices if getattr(options, key) is None]
     if recorded.conventions.joint_order == "open":  # the bodies have told it
         free = [key for key in free if key != "joint_order"]
+    if (np.abs(recorded.joints).max() > LARGEST_RAD) == (read.angles == "deg"):
+        # Radians read as degrees are a robot that stands still, which always looks well.
+        free = [key for key in free if key != "angles"]
     readings = [
         replace(read, **dict(zip(free, values, strict=True)))
         for values in combinations(*(choices[key] for key in free))
@@ -95,18 +102,23 @@ def likely_reading(
     found: dict[int, list[tuple[Conventions, Stance]]] = {}
     for reading in readings:
         changes = sum(getattr(reading, key) != getattr(read, key) for key in free)
-        stance = _stance_of(thin, reading, meter) if changes else None
+        stance = _stance_of(thin, reading, robot, meter) if changes else None
         if stance is not None and stance.beyond_rad <= clamp_rad:
             found.setdefault(changes, []).append((reading, stance))
-    if not found:
-        return None
-    return min(found[min(found)], key=lambda pair: pair[1].badness)
+    likely = None
+    for _, pairs in sorted(found.items(), key=lambda item: item[0]):
+        best = min(pairs, key=lambda pair: pair[1].badness)
+        if likely is None or _flatter(best[1], likely[1]) or _nearer(best[1], likely[1]):
+            likely = best
+    return likely
 
 
-def _stance_of(thin: Recorded, reading: Conventions, meter: StanceMeter) -> Stance | None:
+def _stance_of(
+    thin: Recorded, reading: Conventions, robot: Robot, meter: StanceMeter
+) -> Stance | None:
     """How the robot stands by that reading; None if it does not."""
     try:
-        raw = interpret(thin, reading)
+        raw = with_order(thin, reading, robot)
     except MotionFileError:
         return None
     # What is cheap comes first: a pelvis neither too high nor too low, and upright.
@@ -116,6 +128,10 @@ def _stance_of(thin: Recorded, reading: Conventions, meter: StanceMeter) -> Stan
         return None
     stance = meter.measure(raw)
     return stance if stance.stands else None
+
+
+def _nearer(other: Stance, now: Stance) -> bool:
+    return now.gap_m > _GAP_M and other.gap_m < _NEARER * now.gap_m
 
 
 def _flatter(other: Stance, now: Stance) -> bool:
@@ -135,5 +151,7 @@ def suggestion(read: Conventions, likely: Conventions) -> str:
 
 
 def _remedy(now: Stance) -> str:
+    if now.speed_m_s > SPEED_M_S:
+        return ", --fps RATE if its rate is another"
     moved = now.fault.startswith("the lowest point") and now.up > UPRIGHT
     return ", and tlr-motion check --fix puts it on the floor" if moved else ""

@@ -8,7 +8,8 @@ import numpy as np
 from tlr_exp.g1 import FEET, TRACKED_BODIES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.feet import sole_points
-from tlr_exp.motion.importers.raw import RawMotion
+from tlr_exp.motion.importers.kinematics import distances
+from tlr_exp.motion.importers.raw import Bodies, RawMotion
 from tlr_exp.motion.joint_limits import beyond_limits
 from tlr_exp.motion.quaternions import rotate
 from tlr_exp.robot import Robot
@@ -37,6 +38,7 @@ class Stance:
         tilt_rad: angle of the lower sole against the floor.
         speed_m_s: of the pelvis, what 5 % of its steps are faster than.
         beyond_rad: how far the worst joint is beyond its limit.
+        gap_m: mean distance of the file's bodies from where its joints put them; 0 without bodies.
     """
 
     lowest_m: float
@@ -46,6 +48,7 @@ class Stance:
     tilt_rad: float
     speed_m_s: float
     beyond_rad: float
+    gap_m: float
 
     @property
     def fault(self) -> str:
@@ -88,6 +91,9 @@ class StanceMeter:
         """Look at a motion in some of its frames, at its speed and its joints in all."""
         rows = np.unique(np.linspace(0, len(raw.qpos) - 1, FRAMES).round().astype(int))
         pos, quat = self._poses(raw.qpos[rows])
+        gap = 0.0
+        if raw.bodies is not None:
+            gap = float(distances(pos, Bodies(raw.bodies.names, raw.bodies.pos_w[rows])).mean())
         heights = [
             (pos[:, None, foot] + rotate(quat[:, None, foot], sole[None]))[..., 2].min(axis=1)
             for foot, sole in zip(FEET, self._soles, strict=True)
@@ -106,6 +112,7 @@ class StanceMeter:
             tilt_rad=float(np.median(np.arccos(np.clip(lower, -1, 1)))),
             speed_m_s=float(np.percentile(steps, 95)),
             beyond_rad=float(beyond_limits(joints, self._robot.joint_range_rad).max()),
+            gap_m=gap,
         )
 
     def _poses(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

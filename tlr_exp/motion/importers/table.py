@@ -12,6 +12,7 @@ import numpy as np
 
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.columns import Columns, understand
+from tlr_exp.motion.importers.conventions import LARGEST_RAD
 from tlr_exp.motion.importers.joints import JOINT_NAMES_29
 from tlr_exp.motion.importers.raw import (
     Conventions,
@@ -31,7 +32,6 @@ _ROOT = 7
 _COUNTS = (len(JOINT_NAMES_29), len(JOINT_NAMES))
 _OTHER_ROBOTS = {_ROOT + 19: "H1 (19 joints)", _ROOT + 27: "H1-2 (27 joints)"}
 _LAFAN1 = Conventions(quaternion="xyzw", joint_order="mujoco")
-_RADIANS = 7.0  # no angle of a motion is larger in radians
 _NO_RATE = f"a table of this kind does not say its rate: {FPS:g} taken, as Unitree's have"
 
 
@@ -97,7 +97,7 @@ def _named(table: np.ndarray, columns: Columns, options: Options) -> Recorded:
         angles = _three(table, columns.euler, "orientation of the root", "x y z of Euler angles")
         if columns.degrees is None and not columns.seed and options.angles is None:
             largest = np.abs(np.hstack([angles, joints])).max()
-            if largest > _RADIANS:
+            if largest > LARGEST_RAD:
                 conventions = replace(conventions, angles="deg")
                 notes.append(f"angles reach {largest:.0f}: taken as degrees")
         degrees = (options.angles or conventions.angles) == "deg"
