@@ -193,7 +193,8 @@ def test_a_row_that_is_wrong_is_named(written, robot, short_clip):
         ("L_elbow", "left_elbow_joint"),
         ("waist_yaw_joint_pos_rad", "waist_yaw_joint"),
         ("left_knee_joint_vel", None),
-        ("torso_joint", None),
+        ("torso_joint", "torso_joint"),
+        ("torso", None),
         ("x", None),
     ],
 )
@@ -203,6 +204,7 @@ def test_names_of_joints(given, joint):
 
 def test_names_of_other_columns():
     columns = understand(("Time (s)", "Frame", "pelvis_x", "q_w", "root.quat.x", "yaw", "foo"))
+    assert understand(("rot_x", "rot_y", "rot_z")).euler == {"x": 0, "y": 1, "z": 2}
     assert (columns.time, columns.frame, columns.position) == (0, 1, {"x": 2})
     assert (columns.quaternion, columns.euler) == ({"w": 3, "x": 4}, {"z": 5})
     assert columns.unknown == ["foo"]

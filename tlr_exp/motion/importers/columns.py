@@ -64,6 +64,10 @@ def understand(names: tuple[str, ...]) -> Columns:
     columns.seed = {"root_translatex", "root_rotatex"} <= {name.lower() for name in names}
     for number, given in enumerate(names):
         _place(columns, number, given)
+    if set(columns.quaternion) == {"w"}:
+        # Called rotation x, y, z, they would be Euler angles but for the fourth.
+        columns.quaternion |= columns.euler
+        columns.euler = {}
     return columns
 
 

@@ -43,8 +43,9 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
     if joints.shape[1] == len(names) and pelvis is not None:
         root = pelvis
     else:
-        joints = take(content, "joint_pos", 7 + len(names))
-        root, joints = joints[:, :7], joints[:, 7:]
+        if joints.shape[1] != 14 + len(names):  # an object's seven values may be behind
+            joints = take(content, "joint_pos", 7 + len(names))
+        root, joints = joints[:, :7], joints[:, 7 : 7 + len(names)]
         if pelvis is not None:
             root = np.concatenate([root[:, :3], _root(root[:, 3:], pelvis[:, 3:])], axis=1)
     rate = take_rate(content, "fps", options)
