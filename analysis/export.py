@@ -19,6 +19,7 @@ from analysis.sources import (
 from analysis.study import Study, StudyError
 from analysis.tables import CURVES, FILES, RUNS, is_occupied, write_tables
 from tlr_exp.places import plain_command
+from tlr_exp.terminal import show_any_text
 
 _EPILOG = """\
 Refused, and named, are runs that are unfinished, seeds that one arm has and another lacks, two runs
@@ -32,6 +33,7 @@ the tables name neither people nor machines.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
+    show_any_text()
     parser = export_parser()
     options = parser.parse_args(arguments)
     check_sources(parser, options)

@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from tlr_exp.records.mirror import URI_VARIABLE, default_tracking_uri, hide_password, sqlite_path
 from tlr_exp.records.runs import find_runs
+from tlr_exp.terminal import show_any_text
 
 HOST, PORT, PORTS_TRIED = "127.0.0.1", 5000, 20
 
@@ -28,6 +29,7 @@ SERVER_ENVIRONMENT = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; becomes the server. 1: there is nothing to show; 2: wrong arguments."""
+    show_any_text()
     options = _parser().parse_args(arguments)
     try:
         uri = default_tracking_uri(options.runs_dir)

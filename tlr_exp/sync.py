@@ -15,6 +15,7 @@ from tlr_exp.records.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE, hide_pass
 from tlr_exp.records.run_directory import RUNNING, RunDirectory, RunDirectoryError
 from tlr_exp.records.sources import DEFAULT_EXPERIMENT, Source, find_sources, megabytes
 from tlr_exp.records.sweep_directory import SweepDirectoryError, find_sweeps
+from tlr_exp.terminal import show_any_text
 
 if TYPE_CHECKING:
     from tlr_exp.records.sweep_tracking import SweepReport
@@ -25,6 +26,7 @@ NICENESS = 10
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: all is in MLflow; 1: some is not, try again; 2: wrong arguments."""
+    show_any_text()
     options = _parser().parse_args(arguments)
     try:
         sources, problems = find_sources(

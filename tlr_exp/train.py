@@ -40,6 +40,7 @@ from tlr_exp.running import (
     tracking_uri,
     train_in,
 )
+from tlr_exp.terminal import refuse_without_docstrings, show_any_text
 
 if TYPE_CHECKING:
     from tlr_exp.training import Outcome
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 
 def main() -> None:
     """Entry point of ``tlr-train``."""
+    show_any_text()
+    refuse_without_docstrings("tlr-train")
     for name, value in OPENMP_DEFAULTS.items():
         os.environ.setdefault(name, value)
     explain_mistakes(sys.argv[1:])

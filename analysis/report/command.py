@@ -11,10 +11,12 @@ from analysis.report.content import gather
 from analysis.report.pages import ReportExistsError, check_place, write_report
 from analysis.sources import add_selection, add_sources, check_sources, study_of, with_advice
 from analysis.study import StudyError
+from tlr_exp.terminal import show_any_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
+    show_any_text()
     parser = report_parser()
     options = parser.parse_args(arguments)
     check_sources(parser, options)

@@ -28,7 +28,7 @@ def test_import_writes_a_clip_and_a_report(tmp_path, short_clip, capsys):
     np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
-        f"{table}: lafan1, 41 frames at 50 fps",
+        f"{table}: lafan1, 41 frames at 50 fps, joints in the order of mujoco",
         "  forward kinematics: not compared, the file carries no body positions",
         f"{output}: 41 frames at 50 fps, 0.80 s",
     ]
@@ -62,6 +62,44 @@ def test_clamped_joints_are_reported(tmp_path, short_clip, capsys):
     assert main(["import", str(table), "-o", str(tmp_path / "b.npz"), "--clamp", "0.1"]) == 1
     assert not (tmp_path / "b.npz").exists()
     assert "left_knee_joint is 3.005 rad at frame 3" in capsys.readouterr().err
+
+
+def test_a_table_in_centimetres_with_the_scalar_first(tmp_path, short_clip, capsys):
+    table, output = csv_of(short_clip, tmp_path / "walk.csv"), tmp_path / "clip.npz"
+    rows = np.loadtxt(table, delimiter=",")
+    rows[:, :3] *= 100
+    rows[:, 3:7] = rows[:, [6, 3, 4, 5]]
+    np.savetxt(table, rows, delimiter=",")
+    command = ["import", str(table), "-o", str(output), "--fps", "50"]
+    assert main(command) == 1
+    assert "give --units cm --quaternion wxyz (or --anyway" in capsys.readouterr().err
+    assert not output.exists()
+    assert main([*command, "--units", "cm", "--quaternion", "wxyz"]) == 0
+    np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
+
+
+def test_what_an_import_changed_is_said(tmp_path, short_clip, capsys):
+    table = csv_of(short_clip, tmp_path / "walk.csv")
+    rows = np.loadtxt(table, delimiter=",")
+    rows[:2, 3:7] *= 0.95
+    np.savetxt(table, rows, delimiter=",")
+    assert main(["import", str(table), "-o", str(tmp_path / "clip.npz")]) == 0
+    out = capsys.readouterr().out
+    assert "  a table of this kind does not say its rate: 30 taken, as Unitree's have\n" in out
+    assert "another norm than 1 in 2 of 41 frames (0.950 to 1.000): made unit\n" in out
+    assert "WARNING" not in out
+
+
+def test_a_motion_too_short_to_train_on_is_said(tmp_path, short_clip, capsys):
+    table = csv_of(short_clip, tmp_path / "walk.csv")
+    lines = table.read_text().splitlines()
+    for count, warned in ((2, True), (3, False)):
+        table.write_text("\n".join(lines[:count]))
+        output = tmp_path / f"clip_{count}.npz"
+        assert main(["import", str(table), "--fps", "50", "-o", str(output)]) == 0
+        out = capsys.readouterr().out
+        assert ("WARNING: nothing can be trained on so short a motion" in out) == warned
+        assert ("at least 3 frames at 50 fps" in out) == warned
 
 
 def test_nothing_is_overwritten_unasked(tmp_path, short_clip, capsys):

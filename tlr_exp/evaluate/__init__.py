@@ -9,6 +9,7 @@ from pathlib import Path
 from tlr_exp.evaluate.choosing import Choice, choose, is_folder_of_runs, load_policy
 from tlr_exp.outputs import add_force
 from tlr_exp.pictures.sizes import size_argument
+from tlr_exp.terminal import refuse_without_docstrings, show_any_text
 from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
 
 __all__ = ["Choice", "choose", "load_policy", "main"]
@@ -19,6 +20,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     1 where some of several runs could not be measured.
     """
+    show_any_text()
+    refuse_without_docstrings("tlr-evaluate")
     options = _parser().parse_args(arguments)
     # What takes seconds to import is imported where it is needed: mistakes show before that.
     from tlr_exp.pictures.graphics import GraphicsUnavailable

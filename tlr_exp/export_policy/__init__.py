@@ -8,12 +8,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from tlr_exp.outputs import add_force
+from tlr_exp.terminal import refuse_without_docstrings, show_any_text
 
 __all__ = ["main"]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status: 0, or 2 for an error told in one line."""
+    show_any_text()
+    refuse_without_docstrings("tlr-export-policy")
     options = _parser().parse_args(arguments)
     try:
         _export(options)

@@ -52,3 +52,11 @@ def rotate(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     axis = quats[..., 1:]
     across = 2 * np.cross(axis, vectors)
     return vectors + quats[..., :1] * across + np.cross(axis, across)
+
+
+def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The turn ``second`` and then ``first``, of quaternions [..., 4]; leading shapes broadcast."""
+    w, v = first[..., :1], first[..., 1:]
+    x, u = second[..., :1], second[..., 1:]
+    scalar = w * x - np.sum(v * u, axis=-1, keepdims=True)
+    return np.concatenate([scalar, w * u + x * v + np.cross(v, u)], axis=-1)

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 
 from tlr_exp.motion_tool import checking, importing, joining, looking, showing
 from tlr_exp.motion_tool.files import ArgumentsError
+from tlr_exp.terminal import show_any_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: done; 1: a file was refused or a clip is wrong; 2: wrong arguments."""
+    show_any_text()
     options = _parser().parse_args(arguments)
     try:
         return options.run(options) or 0

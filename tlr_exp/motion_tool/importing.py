@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
 
+from tlr_exp.motion.importers.conventions import CHOICES
 from tlr_exp.motion.importers.convert import CLAMP_RAD, Imported, import_motion
 from tlr_exp.motion.importers.detect import READERS
 from tlr_exp.motion.importers.raw import Options
@@ -13,6 +15,8 @@ from tlr_exp.robot import build_robot
 
 # Beyond this the file was made for another body: other link lengths, joints or quaternions.
 LARGE_GAP_M = 0.02
+# The reference is read one frame ahead (env.reference_lead), and an episode has at least one step.
+FRAMES_TO_TRAIN = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +31,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--joint-order",
-        choices=["mujoco", "isaac"],
-        help="of an .npz without joint names; by default told from its body positions",
+        choices=CHOICES["joint_order"],
+        help="of a file without joint names; by default told from its body positions, or as the "
+        "format has it",
+    )
+    parser.add_argument("--units", choices=CHOICES["units"], help="of positions")
+    parser.add_argument(
+        "--quaternion", choices=CHOICES["quaternion"], help="in which order the four are written"
+    )
+    parser.add_argument("--up", choices=CHOICES["up"], help="the axis that points up")
+    parser.add_argument("--angles", choices=CHOICES["angles"], help="of joints")
+    parser.add_argument(
+        "--anyway",
+        action="store_true",
+        help="import a motion that does not look like a robot on a floor, or that another reading "
+        "makes more sense of",
     )
     parser.add_argument(
         "--clamp",
@@ -44,12 +61,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _import(options: argparse.Namespace) -> None:
     output: Path = options.output
     check_output(output, [options.file], options.force)
-    asked = Options(options.motion, options.fps, options.joint_order)
+    asked = Options(**{field.name: getattr(options, field.name) for field in fields(Options)})
     imported = import_motion(options.file, build_robot(), options.format, asked, options.clamp)
     imported.clip.save(output)
     for line in report(options.file, imported):
         print(line)
     print(f"{output}: {size(imported.clip)}")
+    if imported.clip.num_frames < FRAMES_TO_TRAIN:
+        print(
+            f"  WARNING: nothing can be trained on so short a motion: a training needs at least "
+            f"{FRAMES_TO_TRAIN} frames at {imported.clip.fps:g} fps"
+        )
 
 
 def report(path: Path, imported: Imported) -> list[str]:
@@ -57,6 +79,7 @@ def report(path: Path, imported: Imported) -> list[str]:
     raw, gap = imported.raw, imported.gap
     order = f", joints in the order of {raw.joint_order}" if raw.joint_order else ""
     lines = [f"{path}: {imported.format}, {len(raw.qpos)} frames at {raw.fps:g} fps{order}"]
+    lines += [f"  {note}" for note in raw.notes]
     for clamp in imported.clamps:
         lines.append(
             f"  {clamp.joint}: up to {clamp.excess_rad:.3f} rad beyond its limit in "

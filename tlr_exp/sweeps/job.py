@@ -36,6 +36,7 @@ from tlr_exp.running import (
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec
 from tlr_exp.sweeps.stopping import Watch
 from tlr_exp.sweeps.task import ELSEWHERE, conclude, one_line
+from tlr_exp.terminal import refuse_without_docstrings, show_any_text
 
 PATIENCE_S = 1.0
 # A job that a cluster queues again can start before the end of the process that ran out of time.
@@ -44,6 +45,8 @@ CLUSTER_PATIENCE_S = 120.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: trained; 1: failed; 130: interrupted; 75: another process trains it."""
+    show_any_text()
+    refuse_without_docstrings("a job of a sweep")
     options = _parser().parse_args(arguments)
     # The parent may ignore SIGINT, which a new process inherits.
     signal.signal(signal.SIGINT, signal.default_int_handler)

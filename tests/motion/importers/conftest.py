@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 from foreign_files import WRITERS
+from wild_files import WILD
 
 from tlr_exp.motion.clip import MotionClip
 
 
 @pytest.fixture(scope="session")
 def motion_files(short_clip: MotionClip) -> dict[str, bytes]:
-    return {name: write(short_clip) for name, write in WRITERS.items()}
+    return {name: write(short_clip) for name, write in (WRITERS | WILD).items()}
 
 
 @pytest.fixture

@@ -16,10 +16,11 @@ from foreign_files import (
     to_joblib,
     tracking,
 )
+from wild_files import FORMATS, WILD
 
 from tlr_exp.g1 import JOINT_NAMES
+from tlr_exp.motion.importers.containers import MAX_BYTES
 from tlr_exp.motion.importers.convert import CLAMP_RAD, import_motion
-from tlr_exp.motion.importers.detect import MAX_BYTES
 from tlr_exp.motion.importers.raw import MotionFileError
 
 KNEE = JOINT_NAMES.index("left_knee_joint")
@@ -106,7 +107,7 @@ def test_one_frame(written, robot, short_clip):
 
 
 def test_columns_of_a_table(written, robot):
-    assert "shape [2, 3]; expected [any, 36]" in refusal(written(b"1,2,3\n4,5,6\n"), robot)
+    assert "it has 3 columns; expected 36" in refusal(written(b"1,2,3\n4,5,6\n"), robot)
     assert "no table of numbers" in refusal(written(b"1,2,3\n4,5\n"), robot)
 
 
@@ -122,12 +123,14 @@ def test_no_motion_at_all(data, written, robot):
     refusal(written(data), robot)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [*WRITERS, *WILD])
 def test_a_file_cut_off(name, motion_files, written, robot):
-    """A CSV cut at a line's end is a shorter motion; every other cut shows."""
+    """A table cut in its last cell or at a line's end is shorter; every other cut shows."""
     data = motion_files[name]
     for share in (0.1, 0.5, 0.95):
-        refusal(written(data[: int(len(data) * share)]), robot)
+        cut = data[: int(len(data) * share)]
+        is_table = FORMATS.get(name, name) in ("lafan1", "bones-seed")
+        refusal(written(cut[: cut.rindex(b",")] if is_table else cut), robot)
 
 
 def test_huge_file_is_refused_before_it_is_read(tmp_path, robot):
@@ -141,14 +144,14 @@ def test_huge_file_is_refused_before_it_is_read(tmp_path, robot):
 @pytest.mark.parametrize("compress", [("zlib", 9), ("bz2", 9), ("xz", 6)])
 def test_what_unpacks_without_end_is_refused(compress, written, robot, monkeypatch):
     """The limit is lowered, to make the same refusal fast."""
-    monkeypatch.setattr("tlr_exp.motion.importers.detect.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("tlr_exp.motion.importers.containers.MAX_BYTES", 1 << 20)
     path = written(to_joblib({"m": np.zeros(1 << 20)}, compress=compress))
     assert path.stat().st_size < 1 << 18
     assert "unpacks to more than 1 MiB" in refusal(path, robot)
 
 
 def test_npz_that_unpacks_to_too_much(tmp_path, robot, monkeypatch):
-    monkeypatch.setattr("tlr_exp.motion.importers.detect.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("tlr_exp.motion.importers.containers.MAX_BYTES", 1 << 20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, qpos=np.zeros(1 << 20))
     assert "unpacks to more than 1 MiB" in refusal(path, robot)

@@ -1,5 +1,6 @@
 """Every format: a file in its layout gives back the motion that it was made from."""
 
+import json
 import pickle
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from foreign_files import (
     to_joblib,
     tracking,
 )
+from wild_files import FORMATS, WILD, WITHOUT_RATE, amp_arrays, with_others
 
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
@@ -29,12 +31,11 @@ from tlr_exp.motion.quaternions import angle_between, continuous
 REAL = Path(__file__).parents[4] / "shared" / "motions"
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [*WRITERS, *WILD])
 def test_round_trip(name, motion_files, written, robot, short_clip):
-    # A table does not say that it has 50 frames a second.
-    options = Options(fps=50.0) if name == "lafan1" else None
+    options = Options(fps=50.0) if name in WITHOUT_RATE else None
     imported = import_motion(written(motion_files[name]), robot, options=options)
-    assert imported.format == {"mjlab": "beyondmimic"}.get(name, name)
+    assert imported.format == FORMATS.get(name, name)
     assert imported.clip.fps == 50
     # Several formats hold float32.
     np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-6)
@@ -42,9 +43,13 @@ def test_round_trip(name, motion_files, written, robot, short_clip):
     assert not imported.clamps
 
 
-@pytest.mark.parametrize("name", ["gmr", "mjlab", "beyondmimic", "holosoma", "locomujoco", "tlr"])
+BODIES = ["gmr", "mjlab", "beyondmimic", "holosoma", "locomujoco", "tlr"]
+BODIES += ["unilab", "hdmi", "amp", "protomotions", "protomotions-library"]
+
+
+@pytest.mark.parametrize("name", BODIES)
 def test_carried_bodies_agree_with_forward_kinematics(name, motion_files, written, robot):
-    gap = import_motion(written(motion_files[name]), robot).gap
+    gap = import_motion(written(motion_files[name]), robot, options=Options(fps=50.0)).gap
     assert gap is not None
     assert gap.max_m < 1e-6
 
@@ -133,12 +138,12 @@ def test_every_dress_of_joblib(options, written, robot, short_clip):
 
 def test_one_of_several_motions(written, robot, short_clip):
     other = asap_motion(short_clip)
-    other["root_trans_offset"] = other["root_trans_offset"] + np.float32(1)
+    other["root_trans_offset"] = other["root_trans_offset"] + np.float32([1, 1, 0])
     path = written(to_joblib({"one": asap_motion(short_clip), "two": other}))
     with pytest.raises(MotionFileError, match=r"2 motions.*--motion NAME: one, two"):
         import_motion(path, robot)
     clip = import_motion(path, robot, options=Options(motion="two")).clip
-    np.testing.assert_allclose(clip.qpos[:, :3], short_clip.qpos[:, :3] + 1, atol=1e-6)
+    np.testing.assert_allclose(clip.qpos[:, :3], short_clip.qpos[:, :3] + [1, 1, 0], atol=1e-6)
     with pytest.raises(MotionFileError, match=r"no motion 'three'"):
         import_motion(path, robot, options=Options(motion="three"))
 
@@ -203,3 +208,55 @@ def test_real_clip(name, robot):
     np.testing.assert_allclose(clip.qpos[::5][:count, 7:], raw.qpos[::3, 7:], atol=1e-6)
     ours, theirs = clip.qpos[::5][:count, 3:7], continuous(raw.qpos[::3, 3:7])
     assert angle_between(ours, theirs).max() < 1e-6
+
+
+def test_a_file_without_rate_asks_for_it(motion_files, written, robot):
+    with pytest.raises(MotionFileError, match=r"not say its rate \(it has no fps\); give --fps"):
+        import_motion(written(motion_files["hdmi"]), robot)
+
+
+def with_meta(tmp_path, data: bytes, meta: object) -> Path:
+    (tmp_path / "meta.json").write_text(json.dumps(meta), encoding="utf-8")
+    path = tmp_path / "motion.npz"
+    path.write_bytes(data)
+    return path
+
+
+def test_names_and_rate_from_the_meta_json_beside_it(tmp_path, robot, short_clip):
+    """HDMI: an object in front, which no order could place, and bodies that are not all ours."""
+    arrays = with_others(tracking(ISAAC_ORDER, short_clip), 0, 1)
+    del arrays["fps"]
+    for key in ("body_pos_w", "body_quat_w"):
+        arrays[key] = arrays[key][:, ::-1]
+    names = [*["pelvis", *map(link, ISAAC_ORDER)], "largebox"][::-1]
+    meta = {"body_names": names, "joint_names": ISAAC_ORDER, "fps": 50.0}
+    imported = import_motion(with_meta(tmp_path, npz(**arrays), meta), robot)
+    assert imported.format == "holosoma"
+    np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-6)
+    assert "joint_names, body_names, fps from the meta.json beside it" in imported.raw.notes
+
+
+@pytest.mark.parametrize("meta", [{"joint_names": ["a"], "body_names": []}, [1], {}, "x"])
+def test_a_meta_json_that_does_not_fit_is_left_aside(meta, tmp_path, robot, short_clip):
+    path = with_meta(tmp_path, npz(**tracking(MUJOCO_ORDER, short_clip)), meta)
+    imported = import_motion(path, robot)
+    assert imported.format == "beyondmimic"
+    assert "the meta.json beside it does not fit and is not used" in imported.raw.notes
+    (tmp_path / "meta.json").write_bytes(b"\xff{")
+    notes = import_motion(path, robot).raw.notes
+    assert "the meta.json beside it cannot be read and is not used" in notes
+
+
+def test_amp_motion_of_another_robot(written, robot, short_clip):
+    arrays = amp_arrays(short_clip)
+    arrays["dof_names"] = np.array([f"abdomen_{i}" for i in range(29)])
+    with pytest.raises(MotionFileError, match=r"not those of the G1; unknown joints: abdomen_0"):
+        import_motion(written(npz(**arrays)), robot)
+
+
+def test_an_object_behind_the_joints(written, robot, short_clip):
+    """holosoma puts an object's seven values behind those of the robot."""
+    arrays = dict(np.load(written(WRITERS["holosoma"](short_clip)), allow_pickle=False))
+    arrays["joint_pos"] = np.hstack([arrays["joint_pos"], np.ones((41, 7))])
+    clip = import_motion(written(npz(**arrays)), robot).clip
+    np.testing.assert_allclose(clip.qpos, short_clip.qpos, atol=1e-6)

@@ -13,9 +13,10 @@ import pytest
 from foreign_files import WRITERS, asap_motion, locomujoco_arrays, npz, to_joblib
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from wild_files import WILD, WITHOUT_RATE
 
 from tlr_exp.motion.importers.convert import import_motion
-from tlr_exp.motion.importers.raw import MotionFileError
+from tlr_exp.motion.importers.raw import MotionFileError, Options
 from tlr_exp.motion.importers.safe_pickle import load_pickle
 from tlr_exp.motion_tool import main
 
@@ -204,12 +205,13 @@ def mutations(draw, data: bytes) -> bytes:
     return bytes(changed)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", [*WRITERS, *WILD])
 def test_mutated_files_give_a_clip_or_the_one_error(name, motion_files, tmp_path, robot):
     path = tmp_path / "motion.bin"
+    options = Options(fps=50.0) if name in WITHOUT_RATE else None
 
     @settings(
-        max_examples=150,
+        max_examples=100,
         derandomize=True,
         suppress_health_check=[HealthCheck.function_scoped_fixture],
     )
@@ -218,7 +220,7 @@ def test_mutated_files_give_a_clip_or_the_one_error(name, motion_files, tmp_path
         path.write_bytes(data.draw(mutations(motion_files[name])))
         message = ""
         try:
-            import_motion(path, robot).clip.validate()
+            import_motion(path, robot, options=options).clip.validate()
         except MotionFileError as error:
             message = str(error)
         assert message == "" or message.startswith(f"{path}: ")

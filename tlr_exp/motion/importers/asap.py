@@ -5,18 +5,17 @@ from typing import Any
 
 from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.raw import (
+    Conventions,
     MotionFileError,
     Options,
-    RawMotion,
-    assemble,
+    Recorded,
     listed,
     take,
     take_rate,
-    wxyz,
 )
 
 
-def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
+def read(content: Mapping[str, Any], options: Options) -> Recorded:
     """The motion of the file, or the one that ``options.motion`` names.
 
     PBHC adds ``contact_mask``, which is not used. ``smpl_joints`` are those of the person, not of
@@ -28,9 +27,9 @@ def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
     motion = choose(content, options)
     dof = take(motion, "dof", len(JOINT_NAMES))
     position = take(motion, "root_trans_offset", 3, frames=len(dof))
-    quats = wxyz(take(motion, "root_rot", 4, frames=len(dof)))
-    qpos = assemble(position, quats, dof, JOINT_NAMES)
-    return [RawMotion(take_rate(motion, "fps", options), qpos)]
+    quats = take(motion, "root_rot", 4, frames=len(dof))
+    rate = take_rate(motion, "fps", options)
+    return Recorded(rate, position, quats, dof, JOINT_NAMES, Conventions(quaternion="xyzw"))
 
 
 def choose(content: Mapping[str, Any], options: Options) -> Mapping[str, Any]:

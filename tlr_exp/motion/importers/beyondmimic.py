@@ -1,34 +1,31 @@
 """BeyondMimic's and mjlab's ``.npz``: nameless joints, and the poses of all bodies.
 
 BeyondMimic writes joints and bodies in the order of Isaac Lab (level by level from the pelvis),
-mjlab in that of MuJoCo (limb by limb), under the same keys and shapes. Both readings are returned;
-the body positions tell which one is right.
+mjlab in that of MuJoCo (limb by limb), under the same keys and shapes; the body positions tell
+which it is. Others (UniLab, HDMI) put the world before the robot's bodies, or objects behind them.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from tlr_exp.motion.importers.raw import (
+    Conventions,
+    FileBodies,
     MotionFileError,
     Options,
-    RawMotion,
-    assemble,
-    nameless,
+    Recorded,
     take,
     take_rate,
-    tracked,
 )
 
-ORDERS = ("mujoco", "isaac")
-PELVIS = "pelvis"
 
-
-def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
-    """One reading per possible joint order; the pelvis is the first body.
+def read(content: Mapping[str, Any], options: Options) -> Recorded:
+    """The motion; the pelvis is the first body that is not the world's origin.
 
     Raises:
-        MotionFileError: see ``raw``; or the number of bodies does not fit that of the joints, and
-            no joint order is given.
+        MotionFileError: see ``raw``.
     """
     joints = take(content, "joint_pos", None)
     position = take(content, "body_pos_w", None, 3, frames=len(joints))
@@ -36,42 +33,19 @@ def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
     if not position.shape[1]:
         raise MotionFileError("body_pos_w has no bodies; the first must be the pelvis")
     rate = take_rate(content, "fps", options)
-    names = nameless(joints.shape[1])
-    compared = position.shape[1] == len(names) + 1
-    if not compared and options.joint_order is None:
-        raise MotionFileError(
-            f"it has {position.shape[1]} bodies, which do not tell the order of its {len(names)} "
-            "joints; give --joint-order mujoco (mjlab) or isaac (BeyondMimic)"
-        )
-    readings = []
-    for order in ORDERS if options.joint_order is None else (options.joint_order,):
-        ordered = names if order == "mujoco" else by_level(names)
-        qpos = assemble(position[:, 0], quats[:, 0], joints, ordered)
-        bodies = tracked([PELVIS, *map(link_of, ordered)], position) if compared else None
-        readings.append(RawMotion(rate, qpos, bodies, order))
-    return readings
+    pelvis = _first_that_is_elsewhere(position)
+    return Recorded(
+        rate,
+        position[:, pelvis],
+        quats[:, pelvis],
+        joints,
+        None,
+        Conventions(joint_order="open"),
+        FileBodies(position[:, pelvis:], None),
+        ("bodies before the pelvis that are not used: the world",) if pelvis else (),
+    )
 
 
-def by_level(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Joints [limb by limb] in Isaac Lab's order: by their distance from the pelvis."""
-    limbs: dict[str, int] = {}
-    levels = []
-    for name in names:
-        limb = _limb(name)
-        # The arms begin at the torso, below the three joints of the waist.
-        limbs[limb] = limbs.get(limb, 3 if limb.endswith("arm") else 0) + 1
-        levels.append(limbs[limb])
-    return tuple(name for _, name in sorted(zip(levels, names, strict=True), key=lambda x: x[0]))
-
-
-def _limb(name: str) -> str:
-    side = name.split("_")[0]
-    if side == "waist":
-        return side
-    leg = any(part in name for part in ("hip", "knee", "ankle"))
-    return f"{side} {'leg' if leg else 'arm'}"
-
-
-def link_of(joint: str) -> str:
-    """The link that a joint moves."""
-    return "torso_link" if joint == "waist_pitch_joint" else joint.replace("_joint", "_link")
+def _first_that_is_elsewhere(position: np.ndarray) -> int:
+    """Of bodies [T, n, 3], the first that ever leaves the origin (0 if none does)."""
+    return int(np.abs(position).max(axis=(0, 2)).astype(bool).argmax())

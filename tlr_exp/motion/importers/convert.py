@@ -1,29 +1,32 @@
 """From a motion file of any known format to a checked ``MotionClip`` at the control rate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tlr_exp.g1 import CONTROL_DT_S, JOINT_NAMES, TRACKED_BODIES
-from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
-from tlr_exp.motion.clip import MotionClip, body_states, clip_from_qpos, resample
-from tlr_exp.motion.importers.detect import MAX_BYTES, READERS, detect, parse
+from tlr_exp.g1 import CONTROL_DT_S, JOINT_NAMES
+from tlr_exp.motion.checks import QPOS_JOINTS
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
+from tlr_exp.motion.importers import containers
+from tlr_exp.motion.importers.conventions import of_options
+from tlr_exp.motion.importers.detect import READERS, detect
+from tlr_exp.motion.importers.kinematics import KinematicsGap, kinematics_gap, with_order
+from tlr_exp.motion.importers.metadata import with_metadata
+from tlr_exp.motion.importers.plausible import check_plausible, likely_reading, suggestion
 from tlr_exp.motion.importers.raw import (
     MAX_DURATION_S,
-    Bodies,
+    ImplausibleError,
     MotionFileError,
     Options,
     RawMotion,
 )
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
-from tlr_exp.motion.quaternions import normalised
 from tlr_exp.robot import Robot
 
 CLIP_FPS = round(1 / CONTROL_DT_S)
 # Retargeting often leaves joints a little beyond their limits; more than this is another robot.
 CLAMP_RAD = 0.2
-_COMPARED_FRAMES = 50
 
 
 @dataclass(frozen=True)
@@ -33,16 +36,6 @@ class Clamp:
     joint: str
     excess_rad: float
     frames: int
-
-
-@dataclass(frozen=True)
-class KinematicsGap:
-    """How far a file's body positions are from forward kinematics of our robot."""
-
-    max_m: float
-    mean_m: float
-    body: str
-    frame: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +59,7 @@ def import_motion(
     """Read a motion file of any known format.
 
     Args:
-        path: the file, at most ``MAX_BYTES``.
+        path: the file, at most ``containers.MAX_BYTES``.
         robot: gives the model and the joint limits.
         format: one of ``READERS``; by default told from the content.
         options: what the file leaves open.
@@ -78,7 +71,7 @@ def import_motion(
     if not 0 <= clamp_rad < np.pi:
         raise MotionFileError(f"joints cannot be clamped by {clamp_rad:g} rad; expected 0 to pi")
     try:
-        raw, found = read_motion(read_bytes(Path(path)), robot, format, options or Options())
+        raw, found = read_motion(Path(path), robot, format, options or Options(), clamp_rad)
         if (len(raw.qpos) - 1) / raw.fps > MAX_DURATION_S:
             raise MotionFileError(f"it is longer than {MAX_DURATION_S / 60:g} minutes")
         gap = kinematics_gap(raw.qpos, raw.bodies, robot) if raw.bodies else None
@@ -102,65 +95,43 @@ def read_bytes(path: Path) -> bytes:
         if not path.is_file():
             raise MotionFileError("it is not a plain file")
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise MotionFileError(f"it has {size >> 20} MiB; the limit is {MAX_BYTES >> 20} MiB")
+        if size > containers.MAX_BYTES:
+            raise MotionFileError(
+                f"it has {size >> 20} MiB; the limit is {containers.MAX_BYTES >> 20} MiB"
+            )
         with path.open("rb") as file:
-            return file.read(MAX_BYTES)
+            return file.read(containers.MAX_BYTES)
     except OSError as error:
         raise MotionFileError(f"it cannot be read: {error.strerror}") from error
 
 
 def read_motion(
-    data: bytes, robot: Robot, format: str | None, options: Options
+    path: Path, robot: Robot, format: str | None, options: Options, clamp_rad: float
 ) -> tuple[RawMotion, str]:
-    """The motion of a file's bytes and the name of its format.
+    """The motion of a file and the name of its format.
 
     Where a format leaves the joint order open, the order is taken by which the file's body
-    positions agree with forward kinematics.
+    positions agree with forward kinematics. What does not look like a robot on a floor is refused.
 
     Raises:
         MotionFileError: see ``import_motion``.
     """
     if format is not None and format not in READERS:
         raise MotionFileError(f"unknown format {format!r}; known are {', '.join(READERS)}")
-    content = parse(data)
+    content, notes = with_metadata(containers.parse(read_bytes(path)), path)
     found = format or detect(content)
-    readings = READERS[found](content, options)
-    return _best(readings, robot), found
-
-
-def _best(readings: list[RawMotion], robot: Robot) -> RawMotion:
-    if len(readings) == 1 or np.array_equal(readings[0].qpos, readings[1].qpos):
-        return readings[0]
-    gaps = []
-    for reading in readings:
-        step = max(1, len(reading.qpos) // _COMPARED_FRAMES)
-        bodies = reading.bodies
-        if bodies is None:
-            raise MotionFileError("it has no body positions; give --joint-order mujoco or isaac")
-        thin = Bodies(bodies.names, bodies.pos_w[::step])
-        gaps.append(kinematics_gap(reading.qpos[::step], thin, robot).mean_m)
-    first, second = np.argsort(gaps)[:2]
-    if gaps[first] > 0.5 * gaps[second]:
-        raise MotionFileError(
-            f"its body positions fit neither joint order (they are off by {gaps[first]:.3f} m on "
-            f"average in the order of {readings[first].joint_order}, {gaps[second]:.3f} m in that "
-            f"of {readings[second].joint_order}); give --joint-order"
-        )
-    return readings[first]
-
-
-def kinematics_gap(qpos: np.ndarray, bodies: Bodies, robot: Robot) -> KinematicsGap:
-    """Compare body positions [T, n, 3] with forward kinematics of ``qpos`` [T, 30]."""
-    unit = qpos.copy()
-    unit[:, ROOT_QUAT] = normalised(unit[:, ROOT_QUAT])
-    ours = body_states(robot, unit, np.zeros((len(qpos), robot.model.nv)))["body_pos_w"]
-    columns = [TRACKED_BODIES.index(name) for name in bodies.names]
-    distance = np.linalg.norm(ours[:, columns] - bodies.pos_w, axis=-1)
-    frame, body = np.unravel_index(distance.argmax(), distance.shape)
-    return KinematicsGap(
-        float(distance.max()), float(distance.mean()), bodies.names[body], int(frame)
-    )
+    recorded = READERS[found](content, options)
+    recorded = replace(recorded, notes=(*notes, *recorded.notes))
+    conventions = of_options(recorded, options)
+    try:
+        raw = with_order(recorded, conventions, robot)
+    except ImplausibleError as error:
+        likely = likely_reading(recorded, conventions, robot, options, clamp_rad)
+        if likely is None:
+            raise
+        raise MotionFileError(f"{error}; {suggestion(conventions, likely[0])}") from error
+    check_plausible(recorded, raw, robot, options, clamp_rad)
+    return raw, found
 
 
 def within_limits(

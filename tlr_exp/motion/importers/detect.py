@@ -4,60 +4,51 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tlr_exp.motion.importers import (
+    amp,
     asap,
     beyondmimic,
     gmr,
     holosoma,
-    lafan1,
     locomujoco,
+    old_locomujoco,
     own,
+    protomotions,
+    table,
 )
-from tlr_exp.motion.importers.npz import NpzArrays
-from tlr_exp.motion.importers.raw import MotionFileError, Options, RawMotion, listed
-from tlr_exp.motion.importers.safe_pickle import load_pickle
+from tlr_exp.motion.importers.raw import MotionFileError, Options, Recorded, listed
+from tlr_exp.motion.importers.text_table import COLUMNS, TABLE
 
-MAX_BYTES = 256 << 20  # of a file, and of what it unpacks to
-
-Reader = Callable[[Mapping[str, Any], Options], list[RawMotion]]
+Reader = Callable[[Mapping[str, Any], Options], Recorded]
 READERS: dict[str, Reader] = {
     "asap": asap.read,
     "pbhc": asap.read,
-    "lafan1": lafan1.read,
+    "lafan1": table.read,
+    "bones-seed": table.read,
     "beyondmimic": beyondmimic.read,
     "holosoma": holosoma.read,
+    "amp": amp.read,
     "gmr": gmr.read,
+    "protomotions": protomotions.read,
+    "protomotions-library": protomotions.read_library,
     "locomujoco": locomujoco.read,
+    "locomujoco-0": old_locomujoco.read,
     "tlr": own.read,
 }
 # The keys by which a format is told; the first that fits, so the more special ones first.
 _SIGNATURES: tuple[tuple[str, frozenset[str]], ...] = (
     ("tlr", frozenset({"fps", "qpos", "joint_names", "body_names", "body_pos_w"})),
     ("locomujoco", frozenset({"qpos", "joint_names", "frequency"})),
-    ("holosoma", frozenset({"fps", "joint_pos", "joint_names"})),
-    ("beyondmimic", frozenset({"fps", "joint_pos", "body_pos_w", "body_quat_w"})),
-    ("gmr", frozenset({"fps", "root_pos", "root_rot", "dof_pos"})),
+    ("locomujoco-0", frozenset({"q_pelvis_tx", "q_pelvis_ty", "q_pelvis_tz"})),
+    ("holosoma", frozenset({"joint_pos", "joint_names"})),
+    ("beyondmimic", frozenset({"joint_pos", "body_pos_w", "body_quat_w"})),
+    ("amp", frozenset({"dof_positions", "dof_names", "body_positions", "body_rotations"})),
+    ("protomotions", frozenset({"dof_pos", "rigid_body_pos", "rigid_body_rot"})),
+    ("protomotions-library", frozenset({"gts", "grs", "dps", "motion_num_frames"})),
+    ("gmr", frozenset({"root_pos", "root_rot", "dof_pos"})),
     ("pbhc", frozenset({"root_trans_offset", "dof", "root_rot", "contact_mask"})),
     ("asap", frozenset({"root_trans_offset", "dof", "root_rot"})),
-    ("lafan1", frozenset({lafan1.TABLE})),
+    ("lafan1", frozenset({TABLE})),
 )
-
-
-def parse(data: bytes) -> Mapping[str, Any]:
-    """The arrays of a file by their keys, whichever container it is.
-
-    Raises:
-        MotionFileError: it is empty, damaged, malicious, or none of the containers.
-    """
-    if not data:
-        raise MotionFileError("it is empty")
-    if data[:2] == b"PK":
-        return NpzArrays(data, MAX_BYTES)
-    if lafan1.looks_like(data):
-        return lafan1.parse(data)
-    content = load_pickle(data, MAX_BYTES)
-    if not isinstance(content, dict) or not all(isinstance(key, str) for key in content):
-        raise MotionFileError("it is a pickle, but of no motion: expected a dict of arrays")
-    return content
 
 
 def detect(content: Mapping[str, Any]) -> str:
@@ -70,6 +61,8 @@ def detect(content: Mapping[str, Any]) -> str:
     if isinstance(content, dict):
         motions = [value for value in content.values() if isinstance(value, dict)]
     keys = list(motions[0] if motions else content)
+    if COLUMNS in content and table.is_seed(content[COLUMNS]):
+        return "bones-seed"
     for name, signature in _SIGNATURES:
         if signature <= set(keys):
             return name

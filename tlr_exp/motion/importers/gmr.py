@@ -1,25 +1,21 @@
-"""GMR's ``.pkl``: root quaternions xyzw, body positions in the frame of the pelvis."""
+"""GMR's ``.pkl`` (also GMT's, TWIST's): root quaternions xyzw, bodies in the pelvis' frame."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from tlr_exp.motion.importers.raw import (
-    Bodies,
+    Conventions,
+    FileBodies,
     MotionFileError,
     Options,
-    RawMotion,
-    assemble,
-    nameless,
+    Recorded,
     take,
     take_names,
     take_rate,
-    tracked,
-    wxyz,
 )
-from tlr_exp.motion.quaternions import rotate
 
 
-def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
+def read(content: Mapping[str, Any], options: Options) -> Recorded:
     """Joints in the order of the robot's model files, as GMR writes them.
 
     Raises:
@@ -27,19 +23,20 @@ def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
     """
     joints = take(content, "dof_pos", None)
     position = take(content, "root_pos", 3, frames=len(joints))
-    quats = wxyz(take(content, "root_rot", 4, frames=len(joints)))
-    qpos = assemble(position, quats, joints, nameless(joints.shape[1]))
+    quats = take(content, "root_rot", 4, frames=len(joints))
     rate = take_rate(content, "fps", options)
-    return [RawMotion(rate, qpos, _bodies(content, qpos))]
+    conventions = Conventions(quaternion="xyzw", joint_order="mujoco")
+    bodies = _bodies(content, len(joints))
+    return Recorded(rate, position, quats, joints, None, conventions, bodies)
 
 
-def _bodies(content: Mapping[str, Any], qpos: Any) -> Bodies | None:
+def _bodies(content: Mapping[str, Any], frames: int) -> FileBodies | None:
     if content.get("local_body_pos") is None or content.get("link_body_list") is None:
         return None
     names = take_names(content, "link_body_list")
-    local = take(content, "local_body_pos", None, 3, frames=len(qpos))
+    local = take(content, "local_body_pos", None, 3, frames=frames)
     if local.shape[1] != len(names):
         raise MotionFileError(
             f"local_body_pos has {local.shape[1]} bodies, link_body_list {len(names)}"
         )
-    return tracked(names, qpos[:, None, :3] + rotate(qpos[:, None, 3:7], local))
+    return FileBodies(local, names, local=True)

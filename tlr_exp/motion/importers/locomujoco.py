@@ -6,19 +6,18 @@ from typing import Any
 import numpy as np
 
 from tlr_exp.motion.importers.raw import (
-    Bodies,
+    Conventions,
+    FileBodies,
     MotionFileError,
     Options,
-    RawMotion,
-    assemble,
+    Recorded,
     take,
     take_names,
     take_rate,
-    tracked,
 )
 
 
-def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
+def read(content: Mapping[str, Any], options: Options) -> Recorded:
     """The trajectory, or the one whose number (from 0) is ``options.motion``.
 
     Raises:
@@ -34,16 +33,16 @@ def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
             f"qpos has {qpos.shape[1]} columns; the {len(names)} joints of joint_names and a free "
             f"root have {7 + len(names)}"
         )
-    part = _part(content, len(qpos), options)
+    part = choose_part(content, len(qpos), options)
     bodies = _bodies(content, len(qpos))
     if bodies is not None:
-        bodies = Bodies(bodies.names, bodies.pos_w[part])
-    qpos = qpos[part]
-    qpos = assemble(qpos[:, :3], qpos[:, 3:7], qpos[:, 7:], names)
-    return [RawMotion(take_rate(content, "frequency", options), qpos, bodies)]
+        bodies = FileBodies(bodies.pos[part], bodies.names)
+    rate = take_rate(content, "frequency", options)
+    root, quats, joints = np.split(qpos[part], [3, 7], axis=1)
+    return Recorded(rate, root, quats, joints, names, Conventions(), bodies)
 
 
-def _part(content: Mapping[str, Any], frames: int, options: Options) -> slice:
+def choose_part(content: Mapping[str, Any], frames: int, options: Options) -> slice:
     """The frames of one trajectory; ``split_points`` holds where each begins, and the end."""
     if "split_points" not in content:
         return slice(0, frames)
@@ -62,7 +61,7 @@ def _part(content: Mapping[str, Any], frames: int, options: Options) -> slice:
     return slice(points[first], points[first + 1])
 
 
-def _bodies(content: Mapping[str, Any], frames: int) -> Bodies | None:
+def _bodies(content: Mapping[str, Any], frames: int) -> FileBodies | None:
     # What LocoMuJoCo was not asked to store is there as None, or as an array without elements.
     positions = content.get("xpos")
     if content.get("body_names") is None or not isinstance(positions, np.ndarray):
@@ -70,4 +69,4 @@ def _bodies(content: Mapping[str, Any], frames: int) -> Bodies | None:
     if not positions.size:
         return None
     names = take_names(content, "body_names")
-    return tracked(names, take(content, "xpos", len(names), 3, frames=frames))
+    return FileBodies(take(content, "xpos", len(names), 3, frames=frames), names)

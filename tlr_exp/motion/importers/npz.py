@@ -20,12 +20,7 @@ class NpzArrays(Mapping[str, Any]):
     """
 
     def __init__(self, data: bytes, max_bytes: int) -> None:
-        try:
-            with zipfile.ZipFile(io.BytesIO(data)) as archive:
-                sizes = {info.filename: info.file_size for info in archive.infolist()}
-        except Exception as error:
-            # zipfile raises what it meets: BadZipFile, struct.error, NotImplementedError, ...
-            raise MotionFileError("it is no intact .npz file: it may be cut off") from error
+        sizes = _sizes(data)
         if sum(sizes.values()) > max_bytes:
             raise MotionFileError(f"it unpacks to more than {max_bytes >> 20} MiB")
         self._data = data
@@ -36,7 +31,7 @@ class NpzArrays(Mapping[str, Any]):
             raise KeyError(key)
         try:
             with zipfile.ZipFile(io.BytesIO(self._data)) as archive:
-                return _read_array(archive.read(f"{key}.npy"))
+                return read_array(archive.read(f"{key}.npy"))
         except MotionFileError:
             raise
         except Exception as error:
@@ -51,7 +46,25 @@ class NpzArrays(Mapping[str, Any]):
         return len(self._sizes)
 
 
-def _read_array(content: bytes) -> Any:
+def member_names(data: bytes) -> list[str]:
+    """The names of what a zip holds.
+
+    Raises:
+        MotionFileError: it is no zip.
+    """
+    return list(_sizes(data))
+
+
+def _sizes(data: bytes) -> dict[str, int]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return {info.filename: info.file_size for info in archive.infolist()}
+    except Exception as error:
+        # zipfile raises what it meets: BadZipFile, struct.error, NotImplementedError, ...
+        raise MotionFileError("it is no intact .npz file: it may be cut off") from error
+
+
+def read_array(content: bytes) -> Any:
     """An ``.npy`` file; its header is checked against its size before memory is set aside.
 
     Arrays of objects are pickles: of texts they become lists, of None they become None.

@@ -4,18 +4,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from tlr_exp.motion.importers.raw import (
+    Conventions,
+    FileBodies,
     MotionFileError,
     Options,
-    RawMotion,
-    assemble,
+    Recorded,
     take,
     take_names,
     take_rate,
-    tracked,
 )
 
 
-def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
+def read(content: Mapping[str, Any], options: Options) -> Recorded:
     """Positions alone are read; velocities follow from them.
 
     Raises:
@@ -28,5 +28,6 @@ def read(content: Mapping[str, Any], options: Options) -> list[RawMotion]:
         raise MotionFileError(
             f"body_pos_w has {position.shape[1]} bodies, body_names {len(bodies)}"
         )
-    qpos = assemble(qpos[:, :3], qpos[:, 3:7], qpos[:, 7:], names)
-    return [RawMotion(take_rate(content, "fps", options), qpos, tracked(bodies, position))]
+    rate = take_rate(content, "fps", options)
+    root, quats, joints = qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
+    return Recorded(rate, root, quats, joints, names, Conventions(), FileBodies(position, bodies))

@@ -1,32 +1,15 @@
-"""What every importer returns, and the checks that all of them share."""
+"""What every reader returns, and the checks that all of them share."""
 
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
-from tlr_exp.motion.checks import UNIT_QUAT_TOLERANCE
-
 FPS_RANGE = (1.0, 1000.0)
 MAX_DURATION_S = 30 * 60.0
-MAX_POSITION_M = 1000.0
 MAX_VALUE = 1e9  # of any number: beyond it squares and sums may overflow
 
-_ARM_ENDS = ("wrist_roll_joint", "wrist_pitch_joint", "wrist_yaw_joint")
-# The 29 joints in the order of the robot's model files, the order of Unitree's own data.
-JOINT_NAMES_29 = (
-    *JOINT_NAMES[:19],
-    *(f"left_{name}" for name in _ARM_ENDS),
-    *JOINT_NAMES[19:],
-    *(f"right_{name}" for name in _ARM_ENDS),
-)
-# Joints that the 23-joint robot does not have, though a file may: wrists and fingers.
-_DROPPED = re.compile(
-    r"(left|right)_(wrist_(roll|pitch|yaw)|hand_(thumb|index|middle)_[0-2])_joint"
-)
 _NAMES_SHOWN = 6
 
 
@@ -34,23 +17,115 @@ class MotionFileError(ValueError):
     """A file cannot be imported as a motion; the message says why, in one line."""
 
 
+class DamagedError(MotionFileError):
+    """The bytes of a file are not what they begin as."""
+
+
+class ImplausibleError(MotionFileError):
+    """What a file holds cannot be so as it was read; with other conventions it may well be."""
+
+
 @dataclass(frozen=True)
 class Options:
-    """What a file may leave open: which of its motions, its rate, its joint order; None: as read.
+    """What a file may leave open, or say wrongly; None: as its format has it.
 
-    ``joint_order`` is ``mujoco`` or ``isaac`` and matters only where a file names no joints.
+    ``motion`` says which of its motions, ``fps`` its rate; for the others see ``Conventions``.
+    ``joint_order`` matters only where a file names no joints. ``anyway`` takes a motion although
+    it looks wrong.
     """
 
     motion: str | None = None
     fps: float | None = None
     joint_order: str | None = None
+    units: str | None = None
+    quaternion: str | None = None
+    up: str | None = None
+    angles: str | None = None
+    anyway: bool = False
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """How the numbers of a file are to be read.
+
+    Attributes:
+        units: of positions: ``m``, ``cm`` or ``mm``.
+        quaternion: the order of the four, ``wxyz`` or ``xyzw``.
+        up: the axis of the world that points up, ``z`` or ``y``.
+        angles: of joints: ``rad`` or ``deg``.
+        joint_order: of joints without names: ``mujoco`` or ``isaac``; empty where they are named;
+            ``open`` where the format does not say.
+    """
+
+    units: str = "m"
+    quaternion: str = "wxyz"
+    up: str = "z"
+    angles: str = "rad"
+    joint_order: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FileBodies:
+    """Body positions [T, n, 3] as a file holds them; ``names`` is None where it does not say.
+
+    ``local``: in the frame of the pelvis, rather than of the world.
+    """
+
+    pos: np.ndarray
+    names: tuple[str, ...] | None
+    local: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What a file holds, before its conventions are applied: what every reader returns.
+
+    Attributes:
+        fps: frames a second.
+        position: [T, 3], of the pelvis.
+        quats: [T, 4], of the pelvis.
+        joints: [T, n].
+        names: of the n joints, or None.
+        conventions: those of the format.
+        bodies: body positions that the file carries, if any.
+        notes: what the reader took for granted, in words for people.
+        told: conventions that the file itself states, which no option changes.
+    """
+
+    fps: float
+    position: np.ndarray
+    quats: np.ndarray
+    joints: np.ndarray
+    names: tuple[str, ...] | None
+    conventions: Conventions
+    bodies: FileBodies | None = None
+    notes: tuple[str, ...] = ()
+    told: frozenset[str] = frozenset()
+
+
+def thinned(recorded: Recorded, frames: int) -> Recorded:
+    """Every so many frames of a file, about ``frames`` in all; the motion stays as fast."""
+    step = max(1, len(recorded.joints) // frames)
+    bodies = recorded.bodies
+    return replace(
+        recorded,
+        fps=recorded.fps / step,
+        position=recorded.position[::step],
+        quats=recorded.quats[::step],
+        joints=recorded.joints[::step],
+        bodies=bodies and FileBodies(bodies.pos[::step], bodies.names, bodies.local),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Body positions that a file carries: names among TRACKED_BODIES, [T, n, 3] in metres."""
+    """Body positions in the world, [T, n, 3] in metres.
 
-    names: tuple[str, ...]
+    ``names`` are among TRACKED_BODIES; None: which body is which is not known, and more may be
+    there than the robot's.
+    """
+
+    names: tuple[str, ...] | None
     pos_w: np.ndarray
 
 
@@ -62,13 +137,20 @@ class RawMotion:
         fps: frames a second.
         qpos: [T, 30] float64: root position (m), orientation wxyz, joints (rad) as JOINT_NAMES.
         bodies: body positions that the file carries, if any.
-        joint_order: by which order nameless joints were read; empty where nothing was open.
+        conventions: by which it was read.
+        notes: what was taken for granted or changed, in words for people.
     """
 
     fps: float
     qpos: np.ndarray
     bodies: Bodies | None = None
-    joint_order: str = ""
+    conventions: Conventions = Conventions()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def joint_order(self) -> str:
+        """By which order nameless joints were read; empty where nothing was open."""
+        return self.conventions.joint_order
 
 
 def take(
@@ -105,6 +187,8 @@ def take_rate(content: Mapping[str, Any], key: str, options: Options) -> float:
     Raises:
         MotionFileError: it is missing, no single number, or out of FPS_RANGE.
     """
+    if options.fps is None and content.get(key) is None:
+        raise MotionFileError(f"it does not say its rate (it has no {key}); give --fps")
     value = content.get(key) if options.fps is None else options.fps
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(()).item()
@@ -138,76 +222,8 @@ def take_names(content: Mapping[str, Any], key: str) -> tuple[str, ...]:
     return tuple(str(name) for name in names)
 
 
-def nameless(count: int) -> tuple[str, ...]:
-    """The names of 23 or 29 joints in the order of the robot's model files.
-
-    Raises:
-        MotionFileError: another number.
-    """
-    for names in (JOINT_NAMES, JOINT_NAMES_29):
-        if len(names) == count:
-            return names
-    raise MotionFileError(f"it has {count} joints; expected 23 or 29")
-
-
-def assemble(
-    root_pos: np.ndarray, root_quat_wxyz: np.ndarray, joints: np.ndarray, names: Sequence[str]
-) -> np.ndarray:
-    """Configurations [T, 30] from their parts; joints that we do not have are dropped.
-
-    Args:
-        root_pos: [T, 3] metres.
-        root_quat_wxyz: [T, 4].
-        joints: [T, n] rad.
-        names: n names of joints.
-
-    Raises:
-        MotionFileError: joints unknown, missing or named twice, quaternions not of unit length, a
-            root that is kilometres away, fewer than two frames.
-    """
-    _check_joints(names)
-    columns = [names.index(name) for name in JOINT_NAMES]
-    if len(joints) < 2:
-        raise MotionFileError(f"it has {len(joints)} frame(s); a motion needs at least 2")
-    norms = np.linalg.norm(root_quat_wxyz, axis=-1)
-    worst = int(np.abs(norms - 1).argmax())
-    if abs(norms[worst] - 1) > UNIT_QUAT_TOLERANCE:
-        raise MotionFileError(
-            f"the root quaternion of frame {worst} has norm {norms[worst]:.4g}; expected 1"
-        )
-    if np.abs(root_pos).max() > MAX_POSITION_M:
-        raise MotionFileError(
-            f"the root is {np.abs(root_pos).max():.3g} m from the origin; positions are in metres "
-            f"and at most {MAX_POSITION_M:g}"
-        )
-    return np.concatenate([root_pos, root_quat_wxyz, joints[:, columns]], axis=1)
-
-
-def tracked(names: Sequence[str], pos_w: np.ndarray) -> Bodies | None:
-    """Of body positions [T, n, 3], those of bodies that we know."""
-    kept = [name for name in TRACKED_BODIES if name in names]
-    if not kept:
-        return None
-    return Bodies(tuple(kept), pos_w[:, [names.index(name) for name in kept]])
-
-
-def wxyz(quats_xyzw: np.ndarray) -> np.ndarray:
-    """Quaternions [..., 4] with the scalar moved from last to first."""
-    return np.roll(quats_xyzw, 1, axis=-1)
-
-
 def listed(names: Any) -> str:
     """The first few names, for a message."""
     names = [str(name)[:60] for name in names]
     more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
     return (", ".join(names[:_NAMES_SHOWN]) or "nothing") + more
-
-
-def _check_joints(names: Sequence[str]) -> None:
-    unknown = [n for n in names if n not in JOINT_NAMES and not _DROPPED.fullmatch(n)]
-    missing = [n for n in JOINT_NAMES if n not in names]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    faults = (("unknown joints", unknown), ("missing joints", missing), ("twice", twice))
-    text = "; ".join(f"{what}: {listed(found)}" for what, found in faults if found)
-    if text:
-        raise MotionFileError(f"its joints are not those of the G1; {text}")

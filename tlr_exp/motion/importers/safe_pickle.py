@@ -7,25 +7,22 @@ reading. Arrays are rebuilt here from their bytes. It is written on Python's own
 implementation of the instructions, because the one in C sets aside memory as a file demands it.
 """
 
-import bz2
 import io
-import lzma
 import pickle
 import re
 import struct
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from tlr_exp.motion.importers.raw import MotionFileError
+from tlr_exp.motion.importers.raw import DamagedError, MotionFileError
+from tlr_exp.motion.importers.unpacking import unpacked
 
 _NUMPY = "ndarray", "dtype", "_reconstruct", "scalar", "_frombuffer"
 _JOBLIB = "joblib.numpy_pickle", "NumpyArrayWrapper"
 _MODULES = re.compile(r"numpy(\.(core|_core)\.(multiarray|numeric))?")
-_LZMA_MEMORY = 128 << 20  # the largest dictionary of xz's presets, twice
 _DTYPE = re.compile(r"[<>|=]?([iu][1248]|f[248]|b1|[US]\d{1,4})")
 
 # Instructions that make and nest plain values.
@@ -57,17 +54,24 @@ def load_pickle(data: bytes, max_bytes: int) -> Any:
     Raises:
         MotionFileError: the file names anything else (the message says what), or is damaged.
     """
+    return load_with(DataUnpickler, data, max_bytes)
+
+
+def load_with(
+    unpickler: "Callable[[io.BytesIO], DataUnpickler]", data: bytes, max_bytes: int
+) -> Any:
+    """As ``load_pickle``, by an unpickler that may know more names."""
     try:
-        return _plain(_DataUnpickler(io.BytesIO(_unpacked(data, max_bytes))).load())
+        return _plain(unpickler(io.BytesIO(unpacked(data, max_bytes))).load())
     except MotionFileError:
         raise
     except Exception as error:
         # A damaged pickle can break the interpreter of its instructions in any way at all.
-        raise MotionFileError(f"it is no intact pickle ({type(error).__name__})") from error
+        raise DamagedError(f"it is no intact pickle ({type(error).__name__})") from error
 
 
 @dataclass(frozen=True)
-class _Global:
+class Global:
     """Stands for a permitted name; it is not callable."""
 
     name: str
@@ -152,17 +156,32 @@ def _check_keys(keys: list[Any]) -> None:
         raise MotionFileError("it holds a dict whose keys are no texts")
 
 
-class _DataUnpickler(pickle._Unpickler):
+class DataUnpickler(pickle._Unpickler):
+    """The instructions of a pickle, with ``marker`` and ``call`` for the names that it may use."""
+
     def __init__(self, file: io.BytesIO) -> None:
         super().__init__(file, encoding="latin-1")
         self.source = file
 
-    def find_class(self, module: str, name: str) -> Any:
+    def marker(self, module: str, name: str) -> "Global | None":
+        """What stands for a name that a motion may use; None for any other."""
         if (module, name) == _JOBLIB or (name in _NUMPY and _MODULES.fullmatch(module)):
-            return _Global(name)
+            return Global(name)
         # By these two, protocol 2 writes bytes.
         if (module, name) in (("_codecs", "encode"), ("__builtin__", "bytes")):
-            return _Global(name)
+            return Global(name)
+        return None
+
+    def call(self, called: Any, args: Any) -> Any:
+        """What a permitted name stands for, given its arguments."""
+        if not isinstance(called, Global) or called.name not in _MAKERS:
+            raise MotionFileError("it calls what is no function of numpy's; nothing in it was run")
+        return _MAKERS[called.name](*args)
+
+    def find_class(self, module: str, name: str) -> Any:
+        marker = self.marker(module, name)
+        if marker is not None:
+            return marker
         raise MotionFileError(
             f"it asks to load {_shown(module)}.{_shown(name)}, which no motion needs: the file "
             "may be malicious; nothing in it was run"
@@ -170,7 +189,7 @@ class _DataUnpickler(pickle._Unpickler):
 
     def load_reduce(self) -> None:
         args = self.stack.pop()
-        self.stack[-1] = _call(self.stack[-1], args)
+        self.stack[-1] = self.call(self.stack[-1], args)
 
     def load_build(self) -> None:
         state = self.stack.pop()
@@ -209,20 +228,15 @@ class _DataUnpickler(pickle._Unpickler):
     }
 
 
-def _call(called: Any, args: Any) -> Any:
-    """What the permitted names stand for, given their arguments."""
-    makers: dict[str, Callable[..., Any]] = {
-        "dtype": lambda code, *_: _Dtype(code),
-        "_reconstruct": lambda *_: _Array(joblib=False),
-        "NumpyArrayWrapper": lambda *_: _Array(joblib=True),
-        "scalar": lambda kind, raw: _array(raw, kind, (), "C")[()],
-        "_frombuffer": lambda raw, kind, shape, order: _array(raw, kind, shape, order),
-        "encode": _encode,
-        "bytes": lambda: b"",
-    }
-    if not isinstance(called, _Global) or called.name not in makers:
-        raise MotionFileError("it calls what is no function of numpy's; nothing in it was run")
-    return makers[called.name](*args)
+_MAKERS: dict[str, Callable[..., Any]] = {
+    "dtype": lambda code, *_: _Dtype(code),
+    "_reconstruct": lambda *_: _Array(joblib=False),
+    "NumpyArrayWrapper": lambda *_: _Array(joblib=True),
+    "scalar": lambda kind, raw: _array(raw, kind, (), "C")[()],
+    "_frombuffer": lambda raw, kind, shape, order: _array(raw, kind, shape, order),
+    "encode": lambda text, codec: _encode(text, codec),
+    "bytes": lambda: b"",
+}
 
 
 def _encode(text: Any, codec: Any) -> bytes:
@@ -247,20 +261,6 @@ def _arrays(content: dict[Any, Any]) -> dict[Any, Any]:
 
 def _array_of(value: Any) -> Any:
     return value.array if isinstance(value, _Array) else value
-
-
-def _unpacked(data: bytes, max_bytes: int) -> bytes:
-    if data[:2] == b"\x1f\x8b" or (data[:1] == b"\x78" and data[1:2] in b"\x01\x5e\x9c\xda"):
-        out = zlib.decompressobj(wbits=47).decompress(data, max_bytes + 1)
-    elif data[:3] == b"BZh":
-        out = bz2.BZ2Decompressor().decompress(data, max_bytes + 1)
-    elif data[:6] == b"\xfd7zXZ\x00":
-        out = lzma.LZMADecompressor(memlimit=_LZMA_MEMORY).decompress(data, max_bytes + 1)
-    else:
-        return data
-    if len(out) > max_bytes:
-        raise MotionFileError(f"it unpacks to more than {max_bytes >> 20} MiB")
-    return out
 
 
 def _shown(name: str) -> str:
