@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -16,7 +16,7 @@ from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render
 from analysis.quantities import quantity
-from analysis.report import comparison_tables, run_tables, sweep_tables
+from analysis.report import comparison_tables, protocol_tables, run_tables, sweep_tables
 from analysis.report.cells import Table, duration, interval_text
 from analysis.report.claims import (
     FULL_SIZE_SHARE,
@@ -50,8 +50,9 @@ SWEEP_TEXT = (
     "tests ask first whether the value matters at all."
 )
 PROTOCOL_TEXT = (
-    "Five seeds cannot give the p-values of the paper, whatever the data. They follow from a test "
-    "over the iterations of averaged curves, repeated here to compare like with like."
+    "The paper prints p-values and names no test. Five seeds cannot give such values, whatever the "
+    "data; a test over the iterations of averaged curves can. That it was this one is a conjecture; "
+    "it is made here to compare like with like, and the tables say what it is worth."
 )
 
 
@@ -129,13 +130,17 @@ def gather(study: Study, command: str, progress: Progress = lambda _: None) -> R
     )
 
 
-def null_rates(evidence: Evidence) -> FalsePositiveRates:
+def null_rates(evidence: Evidence) -> dict[str, FalsePositiveRates]:
     """False alarms of both protocols in simulated studies as this one, without any true difference.
 
-    Number of seeds and iterations, autocorrelation of neighbouring iterations and the spread
-    between seeds are those of this study's upper-body error.
+    By tracking error: number of seeds and iterations, autocorrelation of neighbouring iterations
+    and the spread between seeds are those of this study's curves of it.
     """
-    first, second = evidence.curves(keys.TRAIN_UPPER_BODY_ERROR)
+    return {metric: _null_rates(evidence, metric) for metric in protocol_tables.BODIES}
+
+
+def _null_rates(evidence: Evidence, metric: str) -> FalsePositiveRates:
+    first, second = evidence.curves(metric)
     noise = seed_noise(first, second)
     num_seeds = max(2, min(len(first), len(second)))
     return false_positive_rates(
@@ -147,10 +152,12 @@ def null_rates(evidence: Evidence) -> FalsePositiveRates:
     )
 
 
-def draw_all(study: Study, rates: FalsePositiveRates, progress: Progress) -> dict[str, Any]:
+def draw_all(
+    study: Study, rates: Mapping[str, FalsePositiveRates], progress: Progress
+) -> dict[str, Any]:
     """Every figure that the study has the data for ("pictures"), and why others are "missing".
 
-    `rates` of simulated studies stand in the figure of false alarms beside those of this study.
+    `rates` by metric, of simulated studies stand in the figure of false alarms beside those of this study.
     """
     simulated = {"false_positives": partial(figure_false_positives, simulated=rates)}
     pictures, missing = [], []
@@ -263,10 +270,11 @@ def _sweep_section(study: Study) -> Iterator[Section]:
         yield Section("sweep", f"What {sweep.key} does", (SWEEP_TEXT,), content)
 
 
-def _protocol_section(evidence: Evidence, rates: FalsePositiveRates) -> Section:
+def _protocol_section(evidence: Evidence, rates: Mapping[str, FalsePositiveRates]) -> Section:
     content = (
-        comparison_tables.protocol_table(evidence),
-        comparison_tables.false_positive_table(rates),
+        protocol_tables.protocol_table(evidence),
+        protocol_tables.units_table(evidence),
+        protocol_tables.false_positive_table(rates),
     )
     return Section("protocol", "The paper's protocol", (PROTOCOL_TEXT,), content)
 
@@ -292,7 +300,7 @@ def _cost(study: Study) -> str:
 def _numbers(
     judged: list[tuple[Claim, Finding]],
     found: dict[str, list[Outcome]],
-    rates: FalsePositiveRates,
+    rates: Mapping[str, FalsePositiveRates],
 ) -> dict[str, Any]:
     """The statistics for programs; what the data do not allow is null."""
     claims = [
@@ -302,7 +310,7 @@ def _numbers(
     numbers = {
         "claims": claims,
         "outcomes": {arm: [asdict(each) for each in of_arm] for arm, of_arm in found.items()},
-        "false_positive_rates": asdict(rates),
+        "false_positive_rates": {name: asdict(each) for name, each in rates.items()},
     }
     return _without_nan(numbers)
 
