@@ -141,7 +141,7 @@ def _what(rates: Mapping[str, FalsePositiveRates]) -> str:
     )
     return (
         "Share of cases without any true difference that a test calls significant, in per cent. "
-        "A paired t over iterations takes the iterations of seed-averaged curves as independent pairs; "
+        "A paired t over iterations takes those of seed-averaged curves as independent pairs; "
         "the others take one number per seed, the mean over the last 20 % of the iterations. "
         f"{each}. Seeds of one arm are split into two mock arms in every way; such splits share "
         "seeds, and so few seeds may be unable to give a permutation p of 0.05 at all."

@@ -17,8 +17,9 @@ from analysis.report.cells import (
     p_text,
     p_value_text,
 )
-from analysis.report.claims import Claim, Finding
+from analysis.report.claims import Claim
 from analysis.report.evidence import SEED, Evidence
+from analysis.report.judges import Finding
 from analysis.report.outcomes import EVALUATION, Outcome
 from analysis.report.protocol_tables import against
 from analysis.statistics.curves import compare_curves
@@ -61,13 +62,13 @@ def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
 
 def _seeds_row(outcome: Outcome) -> tuple[str, ...]:
     c, digits = outcome.unpaired, outcome.digits
-    unit = quantity(outcome.metric).unit
+    unit = f" ({outcome.shown.unit})" if outcome.shown.unit else ""
     arms = (c.baseline, c.treatment)
     means = (
         f"{arm.mean.estimate:.{digits}f}{NBSP}±{NBSP}{number(arm.std, digits)}" for arm in arms
     )
     return (
-        f"{outcome.name} ({unit})",
+        f"{outcome.name}{unit}",
         *means,
         interval_text(c.difference, digits),
         interval_text(c.relative_improvement, 1, percent=True),
