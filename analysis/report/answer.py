@@ -6,19 +6,22 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from analysis.quantities import COST, COST_OF_ROLL_OUT, quantity
-from analysis.report.cells import interval_text
+from analysis.report.cells import NBSP, interval_text
 from analysis.report.claims import Claim
 from analysis.report.evidence import Evidence
 from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
-from analysis.report.maturity import CLAIMED, too_early
+from analysis.report.maturity import CLAIMED, moving_text, untracked_text
 from analysis.report.protocol_tables import BODIES
 from analysis.report.verdicts import Verdict
+from analysis.rollouts import Rollouts
 from analysis.settings import RECIPE, setting
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.results import Interval
-from analysis.study import Study, StudyError, pretty_arm
-from analysis.tradeoff import Tradeoff, tradeoff_of
+from analysis.study import Study, pretty_arm
+from analysis.tradeoff import BODIES as ERRORS
 from tlr_exp import keys
 
 # Per cent, five seeds, Figure 13.
@@ -41,15 +44,29 @@ def answer(evidence: Evidence, judged: Judged) -> tuple[str, str, str]:
 def _in_training(evidence: Evidence, judged: Judged) -> str:
     intervals = {metric: evidence.relative_improvement(metric) for metric in BODIES}
     baseline, treatment = evidence.labels
-    told = " and ".join(
-        f"{quantity(metric).name.lower()} improves by {interval_text(each, 1, percent=True)}"
+    told = ", ".join(
+        f"its {quantity(metric).name.lower()} is {change_text(each)}"
         for metric, each in intervals.items()
     )
     theirs = ""
     if judged:
-        theirs = " (the paper: " + " and ".join(f"+{v} %" for v in PAPER_IMPROVEMENT.values()) + ")"
+        theirs = " (the paper: " + " and ".join(f"{v} %" for v in PAPER_IMPROVEMENT.values())
+        theirs += " smaller)"
     verdict = _together([*intervals.values()])
     return f"In training, {treatment} tracks {verdict} {baseline}: {told}{theirs}."
+
+
+def change_text(improvement: Interval) -> str:
+    """A relative improvement of something that is better smaller: "3.1 % smaller [1.2, 5.0]"."""
+    if math.isnan(improvement.estimate):
+        return "of no known share"
+    smaller = improvement.estimate >= 0
+    sign = 100.0 if smaller else -100.0
+    text = f"{sign * improvement.estimate:.1f}{NBSP}% {'smaller' if smaller else 'larger'}"
+    if math.isnan(improvement.low):
+        return text
+    low, high = sorted((sign * improvement.low, sign * improvement.high))
+    return f"{text} [{low:.1f},{NBSP}{high:.1f}]"
 
 
 def _together(intervals: Sequence[Interval]) -> str:
@@ -66,30 +83,58 @@ def _together(intervals: Sequence[Interval]) -> str:
 
 
 def _without_noise(evidence: Evidence) -> str:
-    try:
-        found = tradeoff_of(evidence.study)
-    except StudyError as reason:
-        return f"What the motion costs by the lower layer these data do not say: {reason}."
-    if not {evidence.baseline, evidence.treatment} <= set(found.points):
-        return "What the motion costs by the lower layer is not known of both arms."
-    error, cost = improvements(evidence, found)
-    baseline, treatment = evidence.labels
+    found, baseline = evidence.rollouts, evidence.labels[0]
+    error = cost = None
+    if found is not None:
+        error, cost = improvements(evidence, found)
+    if found is None or error is None:
+        return "How the policies move without exploration noise these data do not say."
+    told = f"the mean error of both bodies is {change_text(error)}"
+    if cost is None:
+        where = f"Without exploration noise, {evidence.labels[1]} {TRACKING[_kind(error)]}"
+        return (
+            f"{where}, compared with {baseline}: {told} ({found.source}); what the lower layer "
+            "costs was not measured in them."
+        )
     return (
-        f"Without exploration noise, {treatment} {position(error, cost)}, compared with "
-        f"{baseline}: the mean error of both bodies improves by "
-        f"{interval_text(error, 1, percent=True)}, the {COST_OF_ROLL_OUT[COST].name.lower()} by "
-        f"{interval_text(cost, 1, percent=True)} ({found.source})."
+        f"Without exploration noise, {evidence.labels[1]} {position(error, cost)}, compared with "
+        f"{baseline}: {told}, the {COST_OF_ROLL_OUT[COST].name.lower()} is {change_text(cost)} "
+        f"({found.source})."
     )
 
 
-def improvements(evidence: Evidence, found: Tradeoff) -> tuple[Interval, Interval]:
-    """Relative improvement of tracking error and of lower-layer cost, over the seeds."""
-    first, second = found.points[evidence.baseline], found.points[evidence.treatment]
-    error, cost = (
-        relative_improvement_interval(first[:, axis], second[:, axis], smaller_is_better=True)
-        for axis in (1, 0)
-    )
-    return error, cost
+def improvements(evidence: Evidence, found: Rollouts) -> tuple[Interval | None, Interval | None]:
+    """Relative improvement of tracking error and of lower-layer cost, over the seeds.
+
+    The error is the mean of both bodies'. None where not every run of both arms has it.
+    """
+    arms = (evidence.baseline, evidence.treatment)
+    whole = [name for name in (*ERRORS, COST) if found.has(evidence.study, name, *arms)]
+
+    def improvement(names: Sequence[str]) -> Interval | None:
+        if not set(names) <= set(whole):
+            return None
+        first, second = (
+            np.mean([found.of_arm(evidence.study, name, arm) for name in names], axis=0)
+            for arm in arms
+        )
+        return relative_improvement_interval(first, second, smaller_is_better=True)
+
+    return improvement(ERRORS), improvement([COST])
+
+
+TRACKING = {
+    "better": "tracks better",
+    "worse": "tracks worse",
+    "equal": f"tracks as well (at most {100 * CLAIMED:.0f} % worse)",
+    "unknown": "cannot be told apart in tracking",
+}
+MOVING = {
+    "better": "moves at less cost",
+    "worse": "moves at more cost",
+    "equal": f"moves at the same cost (at most {100 * CLAIMED:.0f} % more)",
+    "unknown": "cannot be told apart in what the lower layer costs",
+}
 
 
 def position(error: Interval, cost: Interval) -> str:
@@ -98,19 +143,7 @@ def position(error: Interval, cost: Interval) -> str:
     "As well" needs an interval that leaves out everything that is more than 5 % worse; not to be
     told apart is not enough.
     """
-    tracking = {
-        "better": "tracks better",
-        "worse": "tracks worse",
-        "equal": f"tracks as well (at most {100 * CLAIMED:.0f} % worse)",
-        "unknown": "cannot be told apart in tracking",
-    }[_kind(error)]
-    moving = {
-        "better": "moves at less cost",
-        "worse": "moves at more cost",
-        "equal": f"moves at the same cost (at most {100 * CLAIMED:.0f} % more)",
-        "unknown": "cannot be told apart in what the lower layer costs",
-    }[_kind(cost)]
-    return f"{tracking} and {moving}"
+    return f"{TRACKING[_kind(error)]} and {MOVING[_kind(cost)]}"
 
 
 def _kind(improvement: Interval) -> str:
@@ -124,7 +157,7 @@ def _kind(improvement: Interval) -> str:
 
 
 def _worth(evidence: Evidence, judged: Judged) -> str:
-    study, reason = evidence.study, too_early(evidence)
+    study, reason = evidence.study, untracked_text(evidence)
     arms = (evidence.baseline, evidence.treatment)
     seeds = " and ".join(dict.fromkeys(str(len(study.seeds(arm))) for arm in arms))
     text = f"This rests on {seeds} seeds an arm, {evidence.control_steps_per_run:.3g} control steps"
@@ -159,6 +192,8 @@ def summary(evidence: Evidence, judged: Judged) -> Iterator[str]:
         f"Each run took {evidence.control_steps_per_run:.3g} control steps, "
         f"{100 * share:.2g} % of the paper's."
     )
+    moving = moving_text(evidence)
+    yield f"{moving[0].upper()}{moving[1:]}."
     yield from evidence.study.notes
 
 

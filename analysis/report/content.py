@@ -80,9 +80,9 @@ def gather(
         subtitle=answer.subtitle(study),
         banner=answer.banner(study),
         answer=answer.answer(evidence, judged),
-        carrier=carrier_of(pictures),
+        carrier=carrier_of(pictures, evidence),
         summary=tuple(answer.summary(evidence, judged)),
-        command=command or each[0],
+        command=command or f"{each[0]}  # one of {len(each)} runs, all of which are below",
         commands=() if len(each) == 1 else each,
         sections=(
             *sections.claims_section(judged),
@@ -100,9 +100,15 @@ def gather(
     )
 
 
-def carrier_of(pictures: Sequence[Picture]) -> Picture | None:
-    """The figure that carries the answer, of those that were drawn."""
+def carrier_of(pictures: Sequence[Picture], evidence: Evidence) -> Picture | None:
+    """The figure that carries the answer, of those that were drawn.
+
+    Not that of the lower layer where it had to be drawn from other roll-outs than the answer's.
+    """
     drawn = {picture.stem: picture for picture in pictures}
+    ours, drawn_from = evidence.rollouts, evidence.rollouts_with_terms
+    if ours is None or drawn_from is None or ours.source != drawn_from.source:
+        drawn.pop("tradeoff", None)
     return next((drawn[stem] for stem in CARRIERS if stem in drawn), None)
 
 

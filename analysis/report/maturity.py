@@ -53,16 +53,21 @@ def too_early(evidence: Evidence) -> str:
     """Why nothing can be said of policies that track; empty where some do."""
     if policies_track(evidence):
         return ""
+    return "; ".join(filter(None, (untracked_text(evidence), moving_text(evidence))))
+
+
+def untracked_text(evidence: Evidence) -> str:
+    """In words, how far the policies are from tracking; empty where they do, or none was asked."""
     known = tracked(evidence)
-    if known is None:
-        return moving_text(evidence)
+    if known is None or policies_track(evidence):
+        return ""
     measure, shares = known
     what = {SUCCESS: "of the roll-outs succeed", "survival": "of the motion is survived"}[measure]
     each = " and ".join(
         f"{100 * share:.0f}{NBSP}% ({label})"
         for share, label in zip(shares, evidence.labels, strict=True)
     )
-    return f"the policies do not track yet, {each} {what} without noise; {moving_text(evidence)}"
+    return f"the policies do not track yet, {each} {what} without noise"
 
 
 def changes(evidence: Evidence) -> dict[tuple[str, str], TailChange]:

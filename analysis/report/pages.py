@@ -94,5 +94,9 @@ def _templates() -> Environment:
     )
     environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
     environment.filters["slug"] = lambda text: re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+    # As GitHub makes the anchor of a heading.
+    environment.filters["anchor"] = lambda text: re.sub(r"[^\w -]", "", text.lower()).replace(
+        " ", "-"
+    )
     environment.filters["cell"] = lambda text: text.replace("|", "\\|").replace("\n", " ")
     return environment

@@ -21,7 +21,6 @@ from analysis.report.rollout_tables import area_table
 from analysis.rollouts import rollouts
 from analysis.statistics.significance import holm
 from analysis.study import Study
-from analysis.tradeoff import tradeoff_of
 from tlr_exp import keys
 
 COSTS = {keys.REWARD_TERM_PREFIX + term: 0.5 for term in TERMS}
@@ -108,7 +107,7 @@ def test_the_table_has_the_p_values_of_scipy(bare: Study) -> None:
 )
 def test_tracking_and_lower_layer_are_told_apart(bare: Study, effects: dict, words: str) -> None:
     evidence = planted(bare, **effects)
-    assert position(*improvements(evidence, tradeoff_of(evidence.study))).startswith(words)
+    assert position(*improvements(evidence, evidence.rollouts)).startswith(words)
 
 
 def test_not_told_apart_is_not_as_well(bare: Study) -> None:
@@ -116,7 +115,7 @@ def test_not_told_apart_is_not_as_well(bare: Study) -> None:
     study = with_starts(bare, np.random.default_rng(5), seed_spread=0.33)
     evidence = Evidence(study)
     assert "cannot be told apart in tracking" in position(
-        *improvements(evidence, tradeoff_of(study))
+        *improvements(evidence, evidence.rollouts)
     )
 
 

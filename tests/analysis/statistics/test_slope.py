@@ -1,4 +1,4 @@
-"""Changes at the end of training by hand, against SciPy, and how often flat curves are called so."""
+"""Changes at the end of training by hand and against SciPy, and the rate of false alarms."""
 
 import numpy as np
 import pytest
