@@ -83,7 +83,8 @@ def _together(intervals: Sequence[Interval]) -> str:
 
 
 def _without_noise(evidence: Evidence) -> str:
-    found, baseline = evidence.rollouts, evidence.labels[0]
+    found, (baseline, treatment) = evidence.rollouts, evidence.labels
+    where = f"Without exploration noise and compared with {baseline}, {treatment}"
     error = cost = None
     if found is not None:
         error, cost = improvements(evidence, found)
@@ -91,16 +92,12 @@ def _without_noise(evidence: Evidence) -> str:
         return "How the policies move without exploration noise these data do not say."
     told = f"the mean error of both bodies is {change_text(error)}"
     if cost is None:
-        where = f"Without exploration noise, {evidence.labels[1]} {TRACKING[_kind(error)]}"
         return (
-            f"{where}, compared with {baseline}: {told} ({found.source}); what the lower layer "
+            f"{where} {TRACKING[_kind(error)]}: {told} ({found.source}); what the lower layer "
             "costs was not measured in them."
         )
-    return (
-        f"Without exploration noise, {evidence.labels[1]} {position(error, cost)}, compared with "
-        f"{baseline}: {told}, the {COST_OF_ROLL_OUT[COST].name.lower()} is {change_text(cost)} "
-        f"({found.source})."
-    )
+    price = f"the {COST_OF_ROLL_OUT[COST].name.lower()} is {change_text(cost)}"
+    return f"{where} {position(error, cost)}: {told}, {price} ({found.source})."
 
 
 def improvements(evidence: Evidence, found: Rollouts) -> tuple[Interval | None, Interval | None]:
@@ -160,7 +157,8 @@ def _worth(evidence: Evidence, judged: Judged) -> str:
     study, reason = evidence.study, untracked_text(evidence)
     arms = (evidence.baseline, evidence.treatment)
     seeds = " and ".join(dict.fromkeys(str(len(study.seeds(arm))) for arm in arms))
-    text = f"This rests on {seeds} seeds an arm, {evidence.control_steps_per_run:.3g} control steps"
+    size = f"{evidence.control_steps_per_run / 1e6:.3g} million control steps"
+    text = f"This rests on {seeds} seeds an arm, {size}"
     if judged:
         text += f" each; of {len(judged)} claims of the paper, {_counts(judged)}"
     else:

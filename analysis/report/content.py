@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -22,6 +23,7 @@ from analysis.report.evidence import Evidence
 from analysis.report.latex import latex_table
 from analysis.report.repeat import one_command
 from analysis.report.sections import Found, Picture, Section, found_in
+from analysis.settings import RECIPE, setting
 from analysis.statistics.nulls import FalsePositiveRates
 from analysis.study import Study
 
@@ -75,6 +77,8 @@ def gather(
     pictures, missing, pdf = draw_all(study, rates, progress)
     each = (commands,) if isinstance(commands, str) else tuple(dict.fromkeys(commands))
     command = one_command(each)
+    if command and not isinstance(commands, str) and not _names_recipe(study):
+        command += " recipe=paper"  # all that there was before a recipe had a name
     return Report(
         title=f"{evidence.labels[1]} against {evidence.labels[0]}",
         subtitle=answer.subtitle(study),
@@ -98,6 +102,10 @@ def gather(
         figures_pdf=pdf,
         latex=_latex(evidence, found[evidence.treatment]),
     )
+
+
+def _names_recipe(study: Study) -> bool:
+    return any(setting(json.loads(config), RECIPE) for config in study.runs["config"])
 
 
 def carrier_of(pictures: Sequence[Picture], evidence: Evidence) -> Picture | None:

@@ -40,7 +40,9 @@ def bare() -> Study:
 
 def planted(bare: Study, **effects) -> Evidence:
     generator = np.random.default_rng(3)
-    return Evidence(with_starts(bare, generator, 16, seed_spread=0.01, phase_spread=0.1, **effects))
+    return Evidence(
+        with_starts(bare, generator, 16, seed_spread=0.01, phase_spread=0.02, **effects)
+    )
 
 
 def test_a_cost_that_is_halved_is_found_in_every_term_and_in_the_sum(bare: Study) -> None:
