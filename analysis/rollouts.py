@@ -59,7 +59,7 @@ def rollouts(study: Study, with_terms: bool = False) -> Rollouts | None:
     starts = study.starts
     columns = [REWARD_TERM_PREFIX + name for name in terms]
     if len(starts) and (not with_terms or set(columns) <= set(starts.columns)):
-        frame = starts.groupby(RUN, sort=False)[measures_in(starts)].mean()
+        frame = pd.DataFrame(starts.groupby(RUN, sort=False)[measures_in(starts)].mean())
         if "survival" in starts.columns:
             frame[SUCCESS] = starts["survival"].eq(1.0).groupby(starts[RUN]).mean()
         counts = sorted(set(starts.groupby(RUN).size()))
@@ -76,15 +76,16 @@ def rollouts(study: Study, with_terms: bool = False) -> Rollouts | None:
 def _last_evaluation(study: Study) -> tuple[pd.DataFrame, int]:
     """The evaluation metrics of every run at the last iteration that all were evaluated in."""
     names = [name for name in study.metric_names if name.startswith(EVAL_PREFIX)]
-    rows = study.curves[[RUN, ITERATION, *names]]
-    rows = rows[rows[names].notna().any(axis=1)] if names else rows.iloc[:0]
-    counts = rows.groupby(ITERATION).size()
-    common = counts.index[counts == len(study.runs)]
-    if len(common) == 0:
+    rows = pd.DataFrame(study.curves[[RUN, ITERATION, *names]])
+    rows = pd.DataFrame(rows[rows[names].notna().to_numpy().any(axis=1)])
+    iterations, counts = np.unique(rows[ITERATION].to_numpy(), return_counts=True)
+    common = iterations[counts == len(study.runs)]
+    if common.size == 0:
         return pd.DataFrame(), 0
     last = int(common.max())
-    frame = rows[rows[ITERATION] == last].set_index(RUN)[names]
-    return frame.rename(columns=lambda name: name.removeprefix(EVAL_PREFIX)), last
+    frame = pd.DataFrame(rows[rows[ITERATION] == last]).set_index(RUN)[names]
+    frame.columns = [name.removeprefix(EVAL_PREFIX) for name in names]
+    return pd.DataFrame(frame), last
 
 
 def lower_layer(study: Study) -> dict[str, float]:

@@ -59,7 +59,7 @@ def parse_starts(content: bytes, where: str) -> pd.DataFrame:
         raise StudyError(f"{where}: {PHASE} holds {table[PHASE].iloc[0]}; it must be a number")
     aside = (RUN, "arm", "seed")  # the study knows its runs
     numbers = [str(n) for n in table.columns if n not in aside and _is_number(table[n])]
-    frame = table[[RUN, *numbers]].astype(dict.fromkeys(numbers, np.float64))
+    frame = pd.DataFrame(table[[RUN, *numbers]].astype(dict.fromkeys(numbers, np.float64)))
     problems = [*starts_problems(frame)]
     if problems:
         raise StudyError("\n".join(f"{where}: {problem}" for problem in problems))
@@ -79,7 +79,7 @@ def starts_problems(starts: pd.DataFrame, runs: Iterable[str] | None = None) -> 
     if lacking:
         yield f"starts: the column {lacking[0]} is missing"
         return
-    if starts[RUN].isna().any() or starts[PHASE].isna().any():
+    if starts[[RUN, PHASE]].isna().to_numpy().any():
         yield "starts: a row lacks its run or its start phase"
     twice = starts[starts.duplicated([RUN, PHASE])]
     if len(twice):
@@ -126,9 +126,10 @@ def of_runs(
 
     The notes name runs without roll-outs, and say where runs were started from different phases.
     """
-    kept, known = [], set()
+    kept: list[pd.DataFrame] = []
+    known: set[str] = set()
     for table in tables:
-        kept.append(table[table[RUN].isin(set(runs) - known)])
+        kept.append(pd.DataFrame(table[table[RUN].isin([run for run in runs if run not in known])]))
         known |= set(table[RUN])
     frame = pd.concat(kept, ignore_index=True) if kept else pd.DataFrame()
     if frame.empty:
@@ -158,6 +159,6 @@ def csv_of_starts(starts: pd.DataFrame, runs: pd.DataFrame) -> bytes:
     table = starts.copy()
     table.insert(1, "arm", runs.loc[table[RUN], "arm"].to_numpy())
     table.insert(2, "seed", runs.loc[table[RUN], "seed"].to_numpy())
-    if ITERATION in table.columns and table[ITERATION].notna().all():
+    if ITERATION in table.columns and table[ITERATION].notna().to_numpy().all():
         table[ITERATION] = table[ITERATION].astype(np.int64)
     return table.to_csv(index=False, lineterminator="\n").encode()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from analysis.figures.drawing import NotDrawnError
 from analysis.statistics.paper import Band, seed_band
@@ -93,7 +94,7 @@ def only_seeds(study: Study, seeds: tuple[int, ...]) -> Study:
     curves = study.curves[study.curves["seed"].isin(seeds)]
     starts = study.starts
     if len(starts):
-        starts = starts[starts[RUN].isin(runs.index)]
+        starts = pd.DataFrame(starts[starts[RUN].isin(runs.index)])
     return replace(study, runs=runs, curves=curves, starts=starts)
 
 

@@ -48,7 +48,7 @@ def on_front(points: ArrayLike) -> np.ndarray:
     values = _checked(points)
     no_worse = (values[:, None] <= values[None]).all(axis=2)  # [i, j]: i is no worse than j
     better = (values[:, None] < values[None]).any(axis=2)
-    return ~(no_worse & better).any(axis=0)
+    return np.logical_not((no_worse & better).any(axis=0))
 
 
 def hypervolume(points: ArrayLike, reference: ArrayLike) -> float:
