@@ -20,6 +20,7 @@ from analysis.report.cells import (
 from analysis.report.claims import Claim
 from analysis.report.evidence import SEED, Evidence
 from analysis.report.judges import Finding
+from analysis.report.maturity import TRACKS
 from analysis.report.outcomes import EVALUATION, Outcome
 from analysis.report.protocol_tables import against
 from analysis.statistics.curves import compare_curves
@@ -40,7 +41,10 @@ def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
         ("claim", "paper", "ours", "verdict", "why"),
         rows,
         "Brackets hold 95 % intervals with the seed as the unit. Each claim is judged by itself: "
-        "nothing is adjusted for their number.",
+        "nothing is adjusted for their number. Claims about policies that track are judged where "
+        f"in one arm at least {100 * TRACKS:.0f} % of the roll-outs succeed (else: the motion is "
+        "survived); a difference that another training as long would take away, by the slopes of "
+        "the last fifth, is no verdict.",
     )
 
 
