@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 ARGS ?=
 SCALE ?= demo
+STARTS ?= 16
 RESULTS ?= results/laptop
 POLICY ?= results/policies/gym_motion-gwo
 SHOW ?= --web
@@ -36,6 +37,7 @@ reproduce-paper: $(INSTALLED) ## The paper's study, its analysis and report; SCA
 	@answer=$$(mktemp) && trap 'rm -f "$$answer"' EXIT && set -x && \
 	TLR_EXP_SWEEP_FILE=$$answer $(BIN)/tlr-train -m +sweep=five_seeds scale=$(SCALE) study=$(notdir $(STUDY)) $(SCALE_ARGS) $(ARGS) && \
 	sweep=$$(cat "$$answer") && \
+	$(BIN)/tlr-evaluate "$(STUDY)" --starts $(STARTS) --checkpoint last --force && \
 	$(BIN)/tlr-export "$$sweep" -o "$$sweep/results" --force && \
 	$(BIN)/tlr-report "$$sweep/results" -o "$$sweep/report" --force --repeat "make reproduce-paper SCALE=$(SCALE)$(if $(ARGS), ARGS='$(ARGS)')" && \
 	$(BIN)/tlr-sync "$$sweep" && \

@@ -16,6 +16,7 @@ from analysis.sources import (
     study_of,
     with_advice,
 )
+from analysis.starts import STARTS
 from analysis.study import Study, StudyError
 from analysis.tables import CURVES, FILES, RUNS, is_occupied, write_tables
 from tlr_exp.places import plain_command
@@ -74,7 +75,7 @@ def export_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--force",
         action="store_true",
-        help=f"replace {', '.join(FILES)} in a FOLDER that is not empty",
+        help=f"replace {', '.join(FILES)} and {STARTS} in a FOLDER that is not empty",
     )
     return parser
 
@@ -85,6 +86,8 @@ def _report(study: Study, folder: Path) -> list[str]:
         f"{folder}: {len(study.runs)} runs, {study.iterations} iterations, "
         f"{len(study.metric_names)} metrics, {size / 1e6:.2f} MB"
     ]
+    if len(study.starts):
+        lines.append(f"  roll-outs from start phases: {len(study.starts)}")
     for arm in study.arms:
         lines.append(f"  {arm}: seeds {', '.join(map(str, study.seeds(arm)))}")
     return lines

@@ -9,11 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from analysis.check import checked, rechecked
 from analysis.publishable import publishable
 from analysis.run_directories import arms_of_sweep, from_run_directories
 from analysis.runs import records_of
 from analysis.settings import OPTIMIZER
+from analysis.starts import of_runs, read_starts, starts_beside
 from analysis.study import Study, StudyError
 from analysis.tables import from_tables, is_exported
 from tlr_exp.places import plain_text
@@ -27,6 +30,7 @@ def load_study(
     tracking_uri: str | None = None,
     sweep: str | None = None,
     arm_keys: Sequence[str] | None = None,
+    starts: str | Path | None = None,
     **choices: Any,
 ) -> Study:
     """The study of the runs in `sources`, or of an MLflow experiment in their place.
@@ -35,7 +39,8 @@ def load_study(
     A single exported study without `arm_keys` or `choices` keeps its arms (analysis.check.rechecked
     says what is refused); all else is checked (analysis.check.checked, which explains the
     `choices`). Without `arm_keys`, the arms are those
-    of the sweep, or the optimizers. Hosts and paths are made publishable.
+    of the sweep, or the optimizers. Hosts and paths are made publishable. Roll-outs are those of
+    the CSV ``starts``, else of the exported studies and of a CSV that lies beside the runs.
 
     Raises:
         StudyError: one line for each problem.
@@ -44,8 +49,10 @@ def load_study(
     if bool(paths) == bool(experiment):
         raise StudyError("give either sources or an experiment")
     if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
-        return rechecked(from_tables(paths[0]))
+        study = rechecked(from_tables(paths[0]))
+        return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
     records, notes = [], []
+    rolled_out = [] if starts is None else [read_starts(Path(starts))]
     if experiment:
         from analysis.load import from_mlflow  # MLflow takes seconds to import
 
@@ -54,13 +61,24 @@ def load_study(
         exported = from_tables(path)
         records += records_of(exported)
         notes += exported.notes
+        if starts is None and len(exported.starts):
+            rolled_out.append(exported.starts)
     folders = [path for path in paths if not is_exported(path)]
     if folders:
         records += from_run_directories(folders, bool(choices.get("allow_unfinished")))
+    beside = dict.fromkeys(filter(None, map(starts_beside, folders)))
+    rolled_out += [read_starts(path) for path in beside] if starts is None else []
     told = dict.fromkeys(key for folder in folders for key in arms_of_sweep(folder))
     study = checked(publishable(records), arm_keys or tuple(told) or (OPTIMIZER,), **choices)
     # What was left out or noted at an earlier export is true still.
-    return replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
+    study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
+    return _with_starts(study, rolled_out)
+
+
+def _with_starts(study: Study, tables: Sequence[pd.DataFrame]) -> Study:
+    """The study with the roll-outs of its runs that are in `tables`, and notes on them."""
+    starts, said = of_runs(tables, list(study.runs.index))
+    return replace(study, starts=starts, notes=tuple(dict.fromkeys([*study.notes, *said])))
 
 
 def add_sources(parser: argparse.ArgumentParser) -> None:
@@ -83,6 +101,13 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
         metavar="URI",
         help=f"http://HOST:PORT or sqlite:///FILE; by default the variable {URI_VARIABLE}, else "
         f"sqlite:///{STORE}",
+    )
+    parser.add_argument(
+        "--starts",
+        metavar="CSV",
+        type=Path,
+        help="the runs' roll-outs, as tlr-evaluate FOLDER --starts N wrote them (default: the "
+        "starts-N.csv that lies beside the runs)",
     )
 
 
@@ -149,6 +174,7 @@ def study_of(options: argparse.Namespace) -> Study:
         options.tracking_uri,
         options.sweep,
         _keys(options.arms) or None,
+        options.starts,
         **{name: value for name, value in chosen.items() if value},
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,8 @@ class Study:
     baseline: the arm that others are compared with; by default that of the static reward,
         "fixed", else the first.
     notes: what a reader must know of the choice of runs, one sentence each.
+    starts: roll-outs without exploration noise (analysis.starts): one row per run and start phase,
+        run, start_phase and a float column per measure; without rows where none are known.
 
     Raises:
         StudyError: names everything that is wrong.
@@ -56,11 +58,18 @@ class Study:
     curves: pd.DataFrame
     baseline: str = ""
     notes: tuple[str, ...] = ()
+    starts: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def __post_init__(self) -> None:
+        from analysis.starts import starts_problems  # which needs the errors of this module
+
         problems = [*_column_problems(self.runs, self.curves)]
         if not problems:
-            problems = [*_run_problems(self.runs), *_curve_problems(self.runs, self.curves)]
+            problems = [
+                *_run_problems(self.runs),
+                *_curve_problems(self.runs, self.curves),
+                *starts_problems(self.starts, self.runs.index),
+            ]
         names = () if problems else arm_order(self.runs["arm"])
         if names and self.baseline and self.baseline not in names:
             problems.append(f"baseline {self.baseline!r} is no arm; arms: {_list(names)}")

@@ -1,7 +1,8 @@
 """A study as a folder of tables that can be published and read again without the runs.
 
 runs.parquet, curves.parquet  the frames of analysis.study.Study, the index of runs as a column
-manifest.json                 format, source, command, notes, and the SHA-256 of the two tables
+starts.csv                    its roll-outs from many start phases, where there are any
+manifest.json                 format, source, command, notes, and the SHA-256 of the tables
 
 Numbers are kept as float64, as they were measured: an exported study gives the same statistics to
 the last digit. Split into byte streams and compressed by zstd, ten runs of 407 iterations and 62
@@ -26,10 +27,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from analysis.starts import STARTS, csv_of_starts, of_runs, parse_starts, read_starts
 from analysis.study import CURVE_KEYS, RUN, Study, StudyError
 
 RUNS, CURVES, MANIFEST = "runs.parquet", "curves.parquet", "manifest.json"
-FILES = (RUNS, CURVES, MANIFEST)
+FILES = (RUNS, CURVES, MANIFEST)  # that every exported study has
 FORMAT, VERSION = "tlr_exp study", 1
 
 
@@ -44,7 +46,7 @@ def write_tables(
 
     `source` and `command` say where the runs came from. A new folder appears whole or not at all.
     With `force` the tables in a folder that is not empty are replaced; other files in it stay. A
-    kill between the three replacements leaves a folder that `from_tables` refuses.
+    kill between these replacements leaves a folder that `from_tables` refuses.
 
     Raises:
         StudyError: the folder is not empty, and not `force`; or it cannot be written.
@@ -52,6 +54,8 @@ def write_tables(
     folder = Path(folder).resolve()
     occupied = is_occupied(folder, force)
     tables = {RUNS: _parquet(study.runs.reset_index()), CURVES: _parquet(study.curves)}
+    if len(study.starts):
+        tables[STARTS] = csv_of_starts(study.starts, study.runs)
     manifest = _manifest(study, tables, list(source), command)
     text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
@@ -61,7 +65,7 @@ def write_tables(
         for name, data in {**tables, MANIFEST: text.encode()}.items():
             _write(beside / name, data)
         if occupied:
-            for name in FILES:
+            for name in (*tables, MANIFEST):
                 os.replace(beside / name, folder / name)
         else:
             os.replace(beside, folder)
@@ -86,11 +90,11 @@ def from_tables(folder: str | Path) -> Study:
     runs, curves = frames[RUNS], _with_floats(frames[CURVES])
     if RUN not in runs.columns:
         raise StudyError(f"{folder / RUNS}: the column {RUN} is missing")
-    notes = manifest.get("notes") or []
+    starts, said = _starts(folder, manifest["sha256"], runs[RUN].tolist())
+    notes = dict.fromkeys([*map(str, manifest.get("notes") or []), *said])
+    baseline = str(manifest.get("baseline") or "")
     try:
-        return Study(
-            runs.set_index(RUN), curves, str(manifest.get("baseline") or ""), tuple(map(str, notes))
-        )
+        return Study(runs.set_index(RUN), curves, baseline, tuple(notes), starts)
     except StudyError as error:
         lines = str(error).splitlines()
         raise StudyError("\n".join(f"{folder}: {line}" for line in lines)) from error
@@ -163,6 +167,7 @@ def _manifest(
         "runs": len(study.runs),
         "iterations": study.iterations,
         "metrics": len(study.metric_names),
+        "roll_outs": len(study.starts),
         "notes": list(study.notes),
         "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in tables.items()},
     }
@@ -187,7 +192,7 @@ def _write(path: Path, data: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def _frame(path: Path, sums: Mapping[str, str]) -> pd.DataFrame:
+def _checked_bytes(path: Path, sums: Mapping[str, str]) -> bytes:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -198,10 +203,25 @@ def _frame(path: Path, sums: Mapping[str, str]) -> pd.DataFrame:
         raise StudyError(
             f"{path}: is damaged or was changed, its SHA-256 is not the one in {MANIFEST}"
         )
+    return data
+
+
+def _frame(path: Path, sums: Mapping[str, str]) -> pd.DataFrame:
+    data = _checked_bytes(path, sums)
     try:
         return pq.read_table(io.BytesIO(data)).to_pandas()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise StudyError(f"{path}: is no Parquet table ({_short(error)})") from error
+
+
+def _starts(
+    folder: Path, sums: Mapping[str, str], runs: list[str]
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The roll-outs of the study and notes on them; a CSV without a checksum is one put there."""
+    path = folder / STARTS
+    if STARTS in sums:
+        return of_runs([parse_starts(_checked_bytes(path, sums), str(path))], runs)
+    return of_runs([read_starts(path)] if path.is_file() else [], runs)
 
 
 def _with_floats(curves: pd.DataFrame) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from analysis.figures.optimum import figure_optimum
 from analysis.figures.overhead import figure_15
 from analysis.figures.seeds import figure_profile, figure_seeds
 from analysis.figures.tracking import figure_6, figure_7, figure_13
+from analysis.figures.tradeoff import figure_tradeoff
 from analysis.figures.trend import figure_trend
 from analysis.figures.wall_clock import figure_wall_clock
 from analysis.figures.weights import figure_14
@@ -20,6 +21,7 @@ ALL_FIGURES: tuple[FigureSpec, ...] = (
     FigureSpec("figure_13_seed_bands", "Figure 13", figure_13),
     FigureSpec("figure_14_weights", "Figure 14", figure_14),
     FigureSpec("figure_15_overhead", "Figure 15", figure_15),
+    FigureSpec("tradeoff", "", figure_tradeoff),
     FigureSpec("seed_lines", "", figure_seeds),
     FigureSpec("performance_profile", "", figure_profile),
     FigureSpec("forest", "", figure_forest),

@@ -23,6 +23,7 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
+from analysis.quantities import quantity
 from analysis.statistics.nulls import (
     EXTREME_P,
     FalsePositiveRates,
@@ -44,7 +45,9 @@ _FILLS = (
 
 
 @styled
-def figure_false_positives(study: Study, simulated: FalsePositiveRates | None = None) -> Drawing:
+def figure_false_positives(
+    study: Study, simulated: Mapping[str, FalsePositiveRates] | None = None
+) -> Drawing:
     """False-positive rates of both protocols on the upper-body error of this study's own seeds.
 
     The seeds of one arm are split into two mock arms in every way: no split can show a true
@@ -52,12 +55,15 @@ def figure_false_positives(study: Study, simulated: FalsePositiveRates | None = 
 
     Args:
         study: the study.
-        simulated: rates in simulated studies, drawn beside them.
+        simulated: rates in simulated studies by metric, drawn beside them.
 
     Raises:
         NotDrawnError: no arm has four seeds, and there are no simulated rates.
     """
-    rates = {} if simulated is None else {SIMULATED: simulated}
+    rates = {
+        f"{SIMULATED}, {quantity(metric).name.lower()}": found
+        for metric, found in (simulated or {}).items()
+    }
     for arm in study.arms:
         if len(study.seeds(arm)) < _FEWEST_SEEDS:
             continue
@@ -135,7 +141,7 @@ def _what(rates: Mapping[str, FalsePositiveRates]) -> str:
     )
     return (
         "Share of cases without any true difference that a test calls significant, in per cent. "
-        "The paper's protocol takes the iterations of seed-averaged curves as independent pairs; "
+        "A paired t over iterations takes those of seed-averaged curves as independent pairs; "
         "the others take one number per seed, the mean over the last 20 % of the iterations. "
         f"{each}. Seeds of one arm are split into two mock arms in every way; such splits share "
         "seeds, and so few seeds may be unable to give a permutation p of 0.05 at all."

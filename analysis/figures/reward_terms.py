@@ -4,26 +4,10 @@ import json
 from dataclasses import dataclass
 
 from analysis.figures.drawing import NotDrawnError
+from analysis.quantities import FORMULAS
 from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
-# Formula and unit of the raw value of every term that may stand in the lower layer, as
-# tlr_exp/mdp/rewards.py computes it. N = 23 joints; b: base frame.
-FORMULAS: dict[str, tuple[str, str]] = {
-    keys.BASE_HEIGHT: ("(h_base - h_des)²", "m²"),
-    keys.ANG_VEL_XY: ("‖ω_base,xy‖²", "(rad/s)²"),
-    keys.LIN_VEL_Z: ("v_base,z²", "(m/s)²"),
-    keys.DOF_POS_LIMITS: (
-        "(1/N) Σ_i [max(0, q_i - q_max,i + Δ⁺_i)² + max(0, q_min,i - q_i + Δ⁻_i)²], "
-        "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
-        "rad²",
-    ),
-    keys.DOF_VEL_LIMITS: ("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²"),
-    keys.ACTION_SMOOTHNESS: ("Σ_i (a_i,t - a_i,t-1)²", "1"),
-    keys.TORQUE_LIMITS: ("(1/N) Σ_i max(0, |τ_i| - (1 - ε) τ_max,i)²", "(N m)²"),
-    keys.TORQUES: ("Σ_i τ_i²", "(N m)²"),
-    keys.TERMINATION: ("1 where the step ended the episode by a failure, else 0", "1"),
-}
 _SYMBOLS = {"margin": "ε", "sigma": "\N{GREEK SMALL LETTER SIGMA}"}
 
 

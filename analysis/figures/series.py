@@ -3,10 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 
 from analysis.figures.drawing import NotDrawnError
 from analysis.statistics.paper import Band, seed_band
-from analysis.study import Study
+from analysis.study import RUN, Study
 from tlr_exp import keys
 
 
@@ -89,11 +90,12 @@ def one_run_of_each_arm(study: Study) -> tuple[Study, int]:
 
 def only_seeds(study: Study, seeds: tuple[int, ...]) -> Study:
     """The study with these seeds alone."""
-    return replace(
-        study,
-        runs=study.runs[study.runs["seed"].isin(seeds)],
-        curves=study.curves[study.curves["seed"].isin(seeds)],
-    )
+    runs = study.runs[study.runs["seed"].isin(seeds)]
+    curves = study.curves[study.curves["seed"].isin(seeds)]
+    starts = study.starts
+    if len(starts):
+        starts = pd.DataFrame(starts[starts[RUN].isin(runs.index)])
+    return replace(study, runs=runs, curves=curves, starts=starts)
 
 
 def last_iteration(study: Study) -> int:

@@ -23,8 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         check_place(options.output, options.force)  # before a minute of statistics
         study = study_of(options)
-        command = options.repeat or "\n".join(dict.fromkeys(study.runs["command"]))
-        report = gather(study, command, lambda step: print(f"  {step} …", flush=True))
+        commands = options.repeat or study.runs["command"].tolist()
+        report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
         page = write_report(report, options.output, options.force)
     except StudyError as error:
         print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
@@ -41,7 +41,8 @@ def report_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-report",
         description="Write the report of a study: report.html, which needs no other file, the same "
-        "as report.md, its figures, and statistics.json.",
+        "as report.md, its figures (each, and figures.pdf), comparison.tex (the main comparison as "
+        "a LaTeX table), and statistics.json.",
     )
     add_sources(parser)
     add_selection(parser)
@@ -51,7 +52,7 @@ def report_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--repeat",
         metavar="COMMAND",
-        help="shown as the command that repeats the study (default: the commands of its runs)",
+        help="shown as the command that repeats the study (default: the sweep that its runs make)",
     )
     parser.add_argument("--force", action="store_true", help="replace a report that is there")
     return parser

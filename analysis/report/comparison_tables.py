@@ -1,7 +1,8 @@
-"""Tables of how two arms compare: claims, the paper's protocol, seeds, tests, speed."""
+"""Tables of how two arms compare: claims, seeds, tests, whole curves, speed."""
 
 import math
 from collections.abc import Sequence
+from itertools import count
 
 import numpy as np
 
@@ -16,14 +17,16 @@ from analysis.report.cells import (
     p_text,
     p_value_text,
 )
-from analysis.report.claims import Claim, Finding
+from analysis.report.claims import Claim
 from analysis.report.evidence import SEED, Evidence
+from analysis.report.judges import Finding
+from analysis.report.maturity import TRACKS
 from analysis.report.outcomes import EVALUATION, Outcome
+from analysis.report.protocol_tables import against
 from analysis.statistics.curves import compare_curves
-from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
-from analysis.statistics.significance import holm
-from tlr_exp import keys
+from analysis.statistics.significance import holm, smallest_p
 
+ALPHA = 0.05
 SMOOTHING_SHARE = 0.02  # of training, before a curve is held against a level
 
 
@@ -38,55 +41,11 @@ def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
         ("claim", "paper", "ours", "verdict", "why"),
         rows,
         "Brackets hold 95 % intervals with the seed as the unit. Each claim is judged by itself: "
-        "nothing is adjusted for their number.",
+        "nothing is adjusted for their number. Claims about policies that track are judged where "
+        f"in one arm at least {100 * TRACKS:.0f} % of the roll-outs succeed (else: the motion is "
+        "survived); a difference that another training as long would take away, by the slopes of "
+        "the last fifth, is no verdict.",
     )
-
-
-def protocol_table(evidence: Evidence) -> Table:
-    """The paper's own analysis, with what its p-value rests on."""
-    rows = []
-    for metric in (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR):
-        found = evidence.paper_protocol(metric)
-        rest = found.dependence
-        rows.append(
-            (
-                quantity(metric).name,
-                f"{100 * found.average_improvement:+.2f}{NBSP}%",
-                p_text(found.iteration_test),
-                str(rest.num_iterations),
-                number(rest.lag_one, 3),
-                number(rest.effective_sample_size, 1),
-            )
-        )
-    header = (
-        *("error", "average relative improvement", "p, paired t over iterations"),
-        *("iterations", "autocorrelation of neighbours", "worth as independent iterations"),
-    )
-    note = (
-        "The analysis as the paper must have done it: curves averaged over seeds, then a t-test "
-        "whose pairs are iterations. Its p-value says nothing about seeds: it asks whether these "
-        "averaged curves differ on average, which the curves of any two groups of seeds do, and it "
-        "takes neighbouring iterations for independent, which they are not."
-    )
-    return Table(f"The paper's analysis: {_against(evidence)}", header, tuple(rows), note)
-
-
-def false_positive_table(rates: FalsePositiveRates) -> Table:
-    """How often each protocol calls nothing something."""
-    rows = (
-        ("paired t over iterations (the paper's)", _percent(rates.iteration_t)),
-        (f"the same, p below {EXTREME_P:.0e}", _percent(rates.iteration_t_extreme)),
-        ("Welch t over seeds", _percent(rates.welch)),
-        ("permutation of seeds", _percent(rates.permutation)),
-    )
-    note = (
-        f"{rates.num_studies} simulated studies without any difference between the arms, "
-        f"{rates.num_seeds[0]} seeds each and {rates.num_iterations} iterations, with the "
-        "autocorrelation and the spread between seeds of this study's upper-body error. A sound "
-        f"test calls {100 * rates.alpha:.0f} % of them significant at {rates.alpha:g}, or fewer."
-    )
-    header = (f"test at {rates.alpha:g}", "studies called significant")
-    return Table("False alarms under a true null", header, rows, note)
 
 
 def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
@@ -102,18 +61,18 @@ def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
         "and P(better), the share of pairs of runs in which the second arm's is the better one, is "
         "above 0.5 where the second arm is better."
     )
-    return Table(f"Means: {_against(evidence)}", header, rows, note)
+    return Table(f"Means: {against(evidence)}", header, rows, note)
 
 
 def _seeds_row(outcome: Outcome) -> tuple[str, ...]:
     c, digits = outcome.unpaired, outcome.digits
-    unit = quantity(outcome.metric).unit
+    unit = f" ({outcome.shown.unit})" if outcome.shown.unit else ""
     arms = (c.baseline, c.treatment)
     means = (
         f"{arm.mean.estimate:.{digits}f}{NBSP}±{NBSP}{number(arm.std, digits)}" for arm in arms
     )
     return (
-        f"{outcome.name} ({unit})",
+        f"{outcome.name}{unit}",
         *means,
         interval_text(c.difference, digits),
         interval_text(c.relative_improvement, 1, percent=True),
@@ -125,23 +84,27 @@ def _seeds_row(outcome: Outcome) -> tuple[str, ...]:
 
 def tests_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
     """p-values of all tests, adjusted over the measures, and what so many seeds can give at all."""
-    adjusted = holm([o.unpaired.t_test.p_value for o in found])
-    rows = tuple(_tests_row(o, p) for o, p in zip(found, adjusted, strict=True))
-    header = (
-        *("measure", "Welch t", "Holm", "permutation", "Mann-Whitney"),
-        *("paired t", "sign flips", "Wilcoxon", "seeds for 80 % power"),
+    adjusted = (
+        holm([o.unpaired.t_test.p_value for o in found]),
+        holm([o.unpaired.permutation_test.p_value for o in found]),
     )
-    return Table(f"Tests: {_against(evidence)}", header, rows, _tests_note(evidence, found))
+    rows = tuple(_tests_row(o, *p) for o, *p in zip(found, *adjusted, strict=True))
+    header = (
+        *("measure", "Welch t", "Welch t, Holm", "permutation", "permutation, Holm"),
+        *("Mann-Whitney", "paired t", "sign flips", "Wilcoxon", "seeds for 80 % power"),
+    )
+    return Table(f"Tests: {against(evidence)}", header, rows, _tests_note(evidence, found))
 
 
-def _tests_row(outcome: Outcome, adjusted: float) -> tuple[str, ...]:
+def _tests_row(outcome: Outcome, welch: float, permutation: float) -> tuple[str, ...]:
     free, shared = outcome.unpaired, outcome.paired
     needed = free.seeds_needed
     return (
         outcome.name,
         p_text(free.t_test),
-        p_value_text(adjusted),
+        p_value_text(welch),
         p_text(free.permutation_test),
+        p_value_text(permutation),
         p_text(free.rank_test),
         *(
             (MISSING,) * 3
@@ -158,8 +121,8 @@ def _tests_note(evidence: Evidence, found: Sequence[Outcome]) -> str:
     free, shared = found[0].unpaired, found[0].paired
     counts = free.baseline.num_seeds, free.treatment.num_seeds
     text = (
-        "Two-sided p-values, not adjusted but for the column Holm (Welch's, over the "
-        f"{len(found)} rows of this table). {counts[0]} against {counts[1]} seeds cannot give an "
+        "Two-sided p-values. The columns Holm are adjusted for the number of rows, "
+        f"{len(found)}; the others are not. {counts[0]} against {counts[1]} seeds cannot give an "
         f"exact p below {free.smallest_p:.2g}"
     )
     if shared is not None:
@@ -169,7 +132,23 @@ def _tests_note(evidence: Evidence, found: Sequence[Outcome]) -> str:
             f". With 80 % power they find only differences of {free.detectable_effect:.1f} "
             "standard deviations or more"
         )
-    return ". ".join([text, *_reasons(found), *_left_out(evidence)]) + "."
+    said = [text, *_out_of_reach(found), *_reasons(found), *_left_out(evidence)]
+    return ". ".join(said) + "."
+
+
+def _out_of_reach(found: Sequence[Outcome]) -> list[str]:
+    """Whether so many rows and so few seeds leave the adjusted exact p any way below 0.05."""
+    free = found[0].unpaired
+    smallest = min(1.0, len(found) * free.smallest_p)
+    if smallest <= ALPHA:
+        return []
+    enough = next(n for n in count(2) if len(found) * smallest_p(n, n) <= ALPHA)
+    text = (
+        f"Adjusted for {len(found)} rows an exact p of so many seeds is {smallest:.2g} at the "
+        f"least: none can fall below {ALPHA:g}, whatever the data. {enough} seeds per arm are the "
+        "fewest that can"
+    )
+    return [text + ", which is a reason for ten" if enough <= 10 else text]
 
 
 def _reasons(found: Sequence[Outcome]) -> list[str]:
@@ -218,7 +197,7 @@ def curves_table(evidence: Evidence) -> Table:
                 "here, whatever the curves."
             )
     header = ("curve", "p, anywhere", "iterations that differ", "from the first to the last")
-    return Table(f"Whole curves: {_against(evidence)}", header, tuple(rows), note)
+    return Table(f"Whole curves: {against(evidence)}", header, tuple(rows), note)
 
 
 def speed_table(evidence: Evidence) -> Table:
@@ -238,7 +217,7 @@ def speed_table(evidence: Evidence) -> Table:
         "Median over the seeds that got there. The level is the first arm's mean over the last "
         "20 %; a curve reaches it when its mean over 2 % of training is as good."
     )
-    title = f"Iterations to reach a level: {_against(evidence)}"
+    title = f"Iterations to reach a level: {against(evidence)}"
     return Table(title, ("level", *evidence.labels), tuple(rows), note)
 
 
@@ -248,14 +227,5 @@ def _times_text(times: np.ndarray) -> str:
     return f"{np.median(reached):.0f} ({count})" if reached.size else f"never ({count})"
 
 
-def _against(evidence: Evidence) -> str:
-    baseline, treatment = evidence.labels
-    return f"{treatment} against {baseline}"
-
-
 def _list(names: Sequence[str]) -> str:
     return "; ".join(names)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f}{NBSP}%"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import stats
 
-from analysis.quantities import quantity
+from analysis.quantities import Quantity, quantity
+from analysis.rollouts import Rollouts, rollouts
 from analysis.statistics.autocorrelation import autocorrelation
 from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.intervals import difference_interval, relative_improvement_interval
@@ -163,12 +165,24 @@ class Evidence:
         """Welch's interval of mean(treatment) - mean(baseline)."""
         return difference_interval(baseline, treatment)
 
-    def compare(self, baseline: Array, treatment: Array, metric: str, paired: bool) -> Comparison:
+    @cached_property
+    def rollouts(self) -> Rollouts | None:
+        """Measures without exploration noise, of every run; None where there are none."""
+        return rollouts(self.study)
+
+    @cached_property
+    def rollouts_with_terms(self) -> Rollouts | None:
+        """The same from roll-outs in which the terms of the lower layer were measured, too."""
+        return rollouts(self.study, with_terms=True)
+
+    def compare(
+        self, baseline: Array, treatment: Array, shown: Quantity, paired: bool
+    ) -> Comparison:
         """All that the seeds can say, of one number per seed [n] and [m]."""
         return compare(
             baseline,
             treatment,
-            smaller_is_better=not quantity(metric).larger_is_better,
+            smaller_is_better=not shown.larger_is_better,
             generator=np.random.default_rng(SEED),
             paired=paired,
         )

@@ -1,20 +1,23 @@
-"""Writes a report: one self-contained page, the same in Markdown, figures, numbers as JSON."""
+"""Writes a report: one self-contained page, the same in Markdown, figures, LaTeX, and JSON."""
 
 from __future__ import annotations
 
 import base64
 import json
 import os
+import re
 import tempfile
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.figures.catalogue import ALL_FIGURES
-from analysis.report.claims import Verdict
 from analysis.report.content import Report
+from analysis.report.verdicts import Verdict
 
 PAGE, MARKDOWN, NUMBERS, FIGURES = "report.html", "report.md", "statistics.json", "figures"
+FIGURES_PDF, LATEX = "figures.pdf", "comparison.tex"
+BESIDE = (FIGURES_PDF, LATEX, NUMBERS, MARKDOWN)
 
 
 class ReportExistsError(ValueError):
@@ -59,6 +62,8 @@ def _write_files(report: Report, folder: Path) -> None:
         for picture in section.pictures:
             (folder / FIGURES / f"{picture.stem}.svg").write_bytes(picture.svg)
             (folder / FIGURES / f"{picture.stem}.png").write_bytes(picture.png)
+    (folder / FIGURES_PDF).write_bytes(report.figures_pdf)
+    (folder / LATEX).write_text(report.latex, encoding="utf-8")
     templates = _templates()
     for name in (PAGE, MARKDOWN):
         verdicts = [verdict.value for verdict in Verdict]
@@ -72,7 +77,7 @@ def _move_in(fresh: Path, folder: Path) -> None:
     """Move the files of a report into its folder, and remove figures that it has no more."""
     (folder / FIGURES).mkdir(parents=True, exist_ok=True)
     figures = sorted(each.name for each in (fresh / FIGURES).iterdir())
-    for name in (*(f"{FIGURES}/{figure}" for figure in figures), NUMBERS, MARKDOWN, PAGE):
+    for name in (*(f"{FIGURES}/{figure}" for figure in figures), *BESIDE, PAGE):
         os.replace(fresh / name, folder / name)
     ours = {f"{spec.stem}.{suffix}" for spec in ALL_FIGURES for suffix in ("svg", "png")}
     for name in ours.difference(figures):
@@ -88,5 +93,10 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
+    environment.filters["slug"] = lambda text: re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+    # As GitHub makes the anchor of a heading.
+    environment.filters["anchor"] = lambda text: re.sub(r"[^\w -]", "", text.lower()).replace(
+        " ", "-"
+    )
     environment.filters["cell"] = lambda text: text.replace("|", "\\|").replace("\n", " ")
     return environment

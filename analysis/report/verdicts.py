@@ -15,7 +15,7 @@ class Verdict(StrEnum):
 
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
-    CANNOT_SAY = "cannot be said at this scale"
+    CANNOT_SAY = "cannot be said"
 
 
 def above_zero(interval: Interval, above: str, below: str) -> tuple[Verdict, str]:

@@ -1,10 +1,12 @@
-"""The paper's analysis, as it must have been done (Xu, Zheng and Ren 2025, Figures 7, 8 and 13).
+"""The paper's analysis, as far as it can be told (Xu, Zheng and Ren 2025, Figures 7, 8 and 13).
 
 The paper reports means over five seeds with one standard deviation, relative improvements averaged
-over iterations, and p-values of 1.72e-9 and 6.00e-13 from a paired t-test. Five seeds cannot give
-such a value: the smallest exact two-sided p of five against five seeds is 2 / 252. So the pairs of
-that test were iterations of the seed-averaged curves, and this module does the same, to compare
-like with like.
+over iterations, and p-values of 1.72e-9 and 6.00e-13. It names no test. Five seeds cannot give such
+a value: the smallest exact two-sided p of five against five is 2 / 252, and a paired t over them
+would need a difference of more than a hundred standard deviations. That its pairs were iterations
+of the seed-averaged curves is a conjecture: no other unit of which there are many is in the paper.
+This module computes that test, to compare like with like, and ``analysis.statistics.units`` which
+pairs would give the paper's values.
 
 Such a p-value says nothing about seeds. It answers whether *these* averaged curves differ in the
 mean over *these* iterations, which any two curves do, those of two groups of seeds of one and the

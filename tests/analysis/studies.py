@@ -9,6 +9,7 @@ scale (its largest absolute value over training). All is independent between run
 import json
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,53 @@ def make_study(
             curves.append(_curve(run, columns))
     frame = pd.DataFrame(runs).set_index("run")
     return Study(frame, pd.concat(curves, ignore_index=True))
+
+
+STARTS_OF = {
+    "survival": 1.0,
+    "upright": 1.0,
+    "upper_body_error_m": 0.05,
+    "lower_body_error_m": 0.03,
+    "joint_error_rad": 0.06,
+    "latency_ms": 40.0,
+    **{keys.REWARD_TERM_PREFIX + term: 0.5 + index for index, term in enumerate(TERMS)},
+}
+
+
+def with_starts(
+    study: Study,
+    generator: np.random.Generator,
+    phases: int = 4,
+    shift: Mapping[str, float] | None = None,
+    factor: Mapping[str, float] | None = None,
+    seed_spread: float = 0.05,
+    phase_spread: float = 0.1,
+) -> Study:
+    """The study with roll-outs whose truth is known: ``STARTS_OF``, the same in both arms.
+
+    In every arm but the first, a measure is planted `shift` larger and then `factor` times as
+    large. Runs and roll-outs scatter by shares of the measure; shares of a roll-out do not.
+    """
+    rows = []
+    for name, run in rows_of(study.runs).items():
+        first = run["arm"] == study.baseline
+        level_of = {
+            measure: value
+            if measure in ("survival", "upright")
+            else value * (1 + seed_spread * generator.standard_normal())
+            + (0.0 if first else (shift or {}).get(measure, 0.0))
+            for measure, value in STARTS_OF.items()
+        }
+        for phase in range(phases):
+            row: dict[str, object] = {"run": name, "start_phase": phase / phases}
+            for measure, value in level_of.items():
+                scatter = phase_spread * abs(value) * generator.standard_normal()
+                scatter = 0.0 if measure in ("survival", "upright") else scatter
+                row[measure] = (value + scatter) * (
+                    1.0 if first else (factor or {}).get(measure, 1.0)
+                )
+            rows.append(row)
+    return replace(study, starts=pd.DataFrame(rows))
 
 
 def expected(curve: Curve, iterations: int) -> np.ndarray:

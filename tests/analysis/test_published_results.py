@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from analysis.endpoints import area_under_curve, tail_mean
+from analysis.rollouts import same_phase
 from analysis.tables import from_tables
 from tlr_exp import keys
 
@@ -50,8 +51,36 @@ def test_the_page_has_the_roll_outs_of_the_table():
     survival = starts.groupby(["arm", "seed"])["survival"].mean()
     row = cells(3, survival["fixed"], survival["gwo"])
     assert f"| survival (share of the way to the end) | {row} |" in PAGE
-    up = starts[starts["upright"] == 1].groupby(["arm", "seed"])
-    for body, _ in BODIES:
-        error = up[f"{body}_body_error_m"].mean()
-        row = cells(4, error["fixed"], error["gwo"])
-        assert f"| {body}-body error, those that stay upright (m) | {row} |" in PAGE
+
+
+@pytest.mark.parametrize("body", ["upper", "lower"])
+def test_the_page_compares_upright_roll_outs_of_the_same_seed_and_phase(study, body):
+    """By pandas from the CSV alone, and as the report does it."""
+    starts = pd.read_csv(ROOT / "results" / "laptop" / "starts.csv")
+    table = starts.pivot(index=["seed", "start_phase"], columns="arm")
+    both = table[(table["upright"] == 1).all(axis=1)]
+    means = both[f"{body}_body_error_m"].groupby("seed").mean()
+    row = cells(4, means["fixed"], means["gwo"])
+    assert f"| {body}-body error, both upright (m) | {row} |" in PAGE
+    assert f"{len(both)} of {len(table)}" in PAGE
+    found = same_phase(study, f"{body}_body_error_m", "gwo")
+    np.testing.assert_allclose(found.baseline, means["fixed"])
+    np.testing.assert_allclose(found.treatment, means["gwo"])
+
+
+def test_the_page_says_whose_objective_it_is_and_when_the_gap_was_there(study):
+    _, at, static = study.matrix(keys.OBJECTIVE_BEFORE, "fixed")
+    adaptive = study.matrix(keys.OBJECTIVE_BEFORE, "gwo")[2]
+    told = (
+        f"J at weights 1 is {adaptive.mean():.1f} on average over training in the two-layered arm"
+    )
+    assert f"{told} ({static.mean():.1f} in the static arm" in PAGE
+    middle = (at >= 50) & (at <= 75)
+
+    def ratio(metric):
+        means = [study.matrix(metric, arm)[2][:, middle].mean() for arm in ("gwo", "fixed")]
+        return means[0] / means[1] - 1
+
+    upper, lower = (f"{100 * ratio(metric):.0f} %" for _, metric in BODIES)
+    assert f"errors are {upper} (upper body) and {lower} (lower\n  body) larger" in PAGE
+    assert f"differ by {100 * ratio('ppo/action_std'):.1f} %" in PAGE

@@ -18,7 +18,7 @@ def test_the_sweep_that_was_asked_for_is_reported_although_another_is_newer(tmp_
         (study / "sweeps" / name).mkdir(parents=True)
     commands = tmp_path / "venv" / "bin"
     commands.mkdir(parents=True)
-    for name in ("tlr-train", "tlr-export", "tlr-report", "tlr-sync", "python"):
+    for name in ("tlr-train", "tlr-evaluate", "tlr-export", "tlr-report", "tlr-sync", "python"):
         script = NOTE.format(log=log)
         if name == "tlr-train":
             script += f'echo "{study}/sweeps/{ASKED}" > "$TLR_EXP_SWEEP_FILE"\n'
@@ -31,8 +31,9 @@ def test_the_sweep_that_was_asked_for_is_reported_although_another_is_newer(tmp_
         check=True,
         capture_output=True,
     )
-    train, export, report, sync, browser = log.read_text().splitlines()
+    train, evaluate, export, report, sync, browser = log.read_text().splitlines()
     assert train.endswith("hydra/launcher=local seed=0,1")
+    assert evaluate == f"tlr-evaluate {study} --starts 16 --checkpoint last --force"
     assert NEWER not in log.read_text()
     asked = f"{study}/sweeps/{ASKED}"
     assert export == f"tlr-export {asked} -o {asked}/results --force"

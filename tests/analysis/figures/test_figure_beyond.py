@@ -231,9 +231,11 @@ def test_false_positive_bars(five_seeds):
 
 
 def test_false_positives_of_the_seeds_of_each_arm(five_seeds):
-    drawn = figure_false_positives(five_seeds, simulated=rates())
-    assert len(drawn.figure.axes[0].patches) == 3 * 4
+    both = {keys.TRAIN_UPPER_BODY_ERROR: rates(), keys.TRAIN_LOWER_BODY_ERROR: rates()}
+    drawn = figure_false_positives(five_seeds, simulated=both)
+    assert len(drawn.figure.axes[0].patches) == 4 * 4
+    assert "simulated studies, lower-body error: 1000 cases" in drawn.caption
     assert "seeds of static: 10 cases of 2 against 3 seeds" in drawn.caption
     with pytest.raises(NotDrawnError, match="4 seeds"):
         figure_false_positives(flat_study(seeds=range(3)))
-    assert figure_false_positives(flat_study(seeds=range(3)), rates()).stem == "false_positives"
+    assert figure_false_positives(flat_study(seeds=range(3)), both).stem == "false_positives"

@@ -7,10 +7,11 @@ import pytest
 from studies import make_study
 
 from analysis.report.cells import MISSING
-from analysis.report.comparison_tables import curves_table, protocol_table
+from analysis.report.comparison_tables import curves_table
 from analysis.report.comparison_tables import tests_table as table_of_tests
 from analysis.report.evidence import Evidence
 from analysis.report.outcomes import outcomes
+from analysis.report.protocol_tables import protocol_table, units_table
 from analysis.study import Study, StudyError
 from tlr_exp import keys
 
@@ -84,3 +85,32 @@ def test_equal_curves_have_no_protocol_but_no_nan_either() -> None:
     curves = study.curves.assign(**{keys.TRAIN_UPPER_BODY_ERROR: 0.1})
     row = protocol_table(Evidence(dataclasses.replace(study, curves=curves))).rows[0]
     assert row == ("Upper-body error", "+0.00\u00a0%", MISSING, "20", MISSING, MISSING)
+
+
+def test_exact_p_values_are_adjusted_too_and_the_note_says_what_five_seeds_cannot_give() -> None:
+    """Nine rows times 2 / 252 are 0.071; six seeds against six can give 9 * 2 / 924 = 0.019."""
+    evidence = Evidence(study_of(seeds=5))
+    found = outcomes(evidence)
+    table = table_of_tests(evidence, found)
+    assert table.header[3:5] == ("permutation", "permutation, Holm")
+    raw = [outcome.unpaired.permutation_test.p_value for outcome in found]
+    # SciPy has Benjamini's procedures only; Holm by hand: the k-th smallest times (9 - k + 1).
+    order = np.argsort(raw)
+    running = np.maximum.accumulate([(9 - k) * raw[i] for k, i in enumerate(order)])
+    by_hand = dict(zip(order, np.minimum(running, 1), strict=True))
+    assert [row[4] for row in table.rows] == [f"{by_hand[k]:.3f}" for k in range(9)]
+    assert "an exact p of so many seeds is 0.071 at the least: none can fall below 0.05" in (
+        table.note
+    )
+    assert "6 seeds per arm are the fewest that can, which is a reason for ten" in table.note
+    six = Evidence(study_of(seeds=6))
+    assert "none can fall" not in table_of_tests(six, outcomes(six)).note
+
+
+def test_units_of_the_papers_p_begin_with_the_seeds_and_end_with_the_iterations() -> None:
+    evidence = Evidence(study_of(seeds=5, iterations=60))
+    table = units_table(evidence)
+    assert [row[1] for row in table.rows] == ["5", "5", "10", "15", "20", "50", "60"]
+    assert table.rows[-1][0] == "iterations"
+    assert table.rows[0][2:4] == ("108.68", "795.27")
+    assert table.rows[-1][4] == protocol_table(evidence).rows[0][2]

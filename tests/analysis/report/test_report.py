@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import make_study
+from studies import make_study, with_starts
 
 from analysis.report import command
-from analysis.report.content import Report, gather, support
+from analysis.report.answer import change_text, support
+from analysis.report.content import Report, gather
 from analysis.report.pages import ReportExistsError, write_report
 from analysis.statistics.results import Interval
 from analysis.tables import write_tables
@@ -20,6 +21,7 @@ from analysis.tables import write_tables
 @pytest.fixture(scope="module")
 def report() -> Report:
     study = make_study(np.random.default_rng(0), ("fixed", "gwo", "random"), iterations=30)
+    study = with_starts(study, np.random.default_rng(1))
     return gather(study, "make reproduce-paper SCALE=demo")
 
 
@@ -64,7 +66,9 @@ def test_both_pages_hold_every_claim_every_table_and_the_command(folder: Path) -
     html, markdown = ((folder / f"report.{kind}").read_text() for kind in ("html", "md"))
     for text in (
         "4.25 % better",
-        "cannot be said at this scale",
+        "cannot be said",
+        "Both upright, same seed and same phase",
+        "Tracking and lower layer together",
         "two-layered (GWO) against static",
         "random weights against static",
         "False alarms under a true null",
@@ -72,6 +76,47 @@ def test_both_pages_hold_every_claim_every_table_and_the_command(folder: Path) -
     ):
         assert text in html
         assert text in markdown
+
+
+def test_the_answer_comes_first_with_the_figure_that_carries_it(
+    report: Report, folder: Path
+) -> None:
+    html, markdown = ((folder / f"report.{kind}").read_text() for kind in ("html", "md"))
+    before = html[: html.index("<h2")], markdown[: markdown.index("\n## ")]
+    assert len(report.answer) == 3
+    assert report.carrier.stem == "tradeoff"
+    for text in before:
+        assert all(sentence in text for sentence in report.answer)
+        assert report.carrier.caption in text
+        assert text.index("Repeat it") < text.index("make reproduce-paper SCALE=demo")
+        assert report.summary[0] in text[text.index("<details>") : text.index("</details>")]
+    assert before[0].count("<img") == 1
+
+
+def test_contents_lead_to_every_section_table_and_figure(report: Report, folder: Path) -> None:
+    html = (folder / "report.html").read_text()
+    names = re.findall(r'\bid="([^"]+)"', html)
+    assert len(set(names)) == len(names)
+    links = re.findall(r'href="#([^"]+)"', html)
+    assert set(links) <= set(names)
+    parts = [section.tables + section.pictures for section in report.sections]
+    assert len(links) == len(parts) + sum(map(len, parts))
+    assert "prefers-color-scheme: dark" in html
+    assert "@media print" in html
+
+
+def test_figures_are_pages_of_a_pdf_and_the_comparison_is_a_latex_table(
+    report: Report, folder: Path
+) -> None:
+    pdf = (folder / "figures.pdf").read_bytes()
+    pages = sum(len(section.pictures) for section in report.sections)
+    assert pdf.startswith(b"%PDF-")
+    assert len(re.findall(rb"/Type /Page\b", pdf)) == pages
+    assert b"CreationDate" not in pdf
+    latex = (folder / "comparison.tex").read_text()
+    assert latex.count("begin{tabular}") == 1
+    assert "Upper-body error, last 20 \\%" in latex
+    assert "Lower-layer cost" in latex
 
 
 def test_every_row_of_the_markdown_tables_has_the_cells_of_its_header(folder: Path) -> None:
@@ -145,6 +190,15 @@ def test_another_folder_is_never_replaced(report: Report, tmp_path: Path) -> Non
 )
 def test_the_summary_says_plainly_what_the_data_show(low: float, high: float, words: str) -> None:
     assert words in support(Interval(0.0, low, high, 0.95, "Fieller", "one seed"))
+
+
+def test_an_improvement_is_said_as_larger_or_smaller() -> None:
+    worse = Interval(-0.254, -0.274, -0.234, 0.95, "Fieller")
+    assert change_text(worse) == "25.4\u00a0% larger [23.4,\u00a027.4]"
+    unsure = Interval(0.03, -0.01, 0.07, 0.95, "Fieller")
+    assert change_text(unsure) == "3.0\u00a0% smaller [-1.0,\u00a07.0]"
+    alone = Interval(0.03, float("nan"), float("nan"), 0.95, "Fieller", "one seed")
+    assert change_text(alone) == "3.0\u00a0% smaller"
 
 
 def test_a_study_without_a_static_arm_is_not_held_against_the_paper() -> None:
