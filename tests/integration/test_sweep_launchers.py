@@ -6,8 +6,8 @@ import time
 from importlib.util import find_spec
 
 import pytest
-
 from tests.integration.fake_slurm import install, sbatch_flags
+
 from tests.integration.sweeper import Sweeper
 
 TWO = ("optimizer=fixed,gwo", "scale.iterations=2", "scale.evaluate_every=2")

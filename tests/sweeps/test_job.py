@@ -12,7 +12,7 @@ from tlr_exp.config import ConfigError
 from tlr_exp.records.run_directory import LOCK
 from tlr_exp.sweeps import job as jobs
 from tlr_exp.sweeps.spec import write_spec
-from tlr_exp.sweeps.task import ELSEWHERE, _close
+from tlr_exp.sweeps.task import ELSEWHERE, close_record
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -72,7 +72,7 @@ def test_the_other_one_ends_without_a_trace_however_it_ends(sweep, start, monkey
     before = sweep.job_path(1).read_bytes()
     monkeypatch.setattr(jobs, "check_inputs", raising(error))
     assert start() == (1 if isinstance(error, ConfigError) else 130)
-    _close(sweep, 1, -9)  # nor does its launcher write that it was killed
+    close_record(sweep, 1, -9)  # nor does its launcher write that it was killed
     assert sweep.job_path(1).read_bytes() == before
 
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -25,7 +25,7 @@ from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirec
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES
-from tlr_exp.sweeps.spec import log_path, read_spec
+from tlr_exp.sweeps.spec import log_path, read_spec, with_threads
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 
 JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
@@ -63,26 +63,39 @@ class JobTask:
 
     def _run(self, num: int) -> None:
         sweep = SweepDirectory(self.sweep)
-        spec = read_spec(sweep.path, num)
-        command = [sys.executable, "-m", "tlr_exp.sweeps.job", self.sweep, str(num)]
-        if self._is_with_the_sweep():
-            command += ["--with-pid", str(self.sweep_pid)]
-        with open(log_path(sweep.path, num), "ab") as log:
-            process = subprocess.Popen(
-                command,
-                cwd=self.folder,
-                env=job_environment(os.environ, spec.threads),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,  # Ctrl-C in the terminal is for the sweep alone
-            )
-        returned = _wait(process, sweep.path)
-        _close(sweep, num, returned)
+        more = ["--with-pid", str(self.sweep_pid)] if self._is_with_the_sweep() else []
+        process = start_job(sweep, num, self.folder, more)
+        close_record(sweep, num, _wait(process, sweep.path))
 
     def _is_with_the_sweep(self) -> bool:
         """Whether this process can see that of the sweep, and is to end with it."""
         return self.sweep_pid is not None and socket.gethostname() == self.host
+
+
+def start_job(
+    sweep: SweepDirectory, num: int, folder: str, more: Sequence[str], threads: int = 0
+) -> subprocess.Popen[bytes]:
+    """The process of job ``num``, started in ``folder`` with ``more`` arguments.
+
+    Where its specification leaves the number of ``threads`` open, it is that.
+
+    Raises:
+        ValueError: the specification of the job is missing or damaged.
+        OSError: it cannot be started.
+    """
+    spec = with_threads(read_spec(sweep.path, num), threads)
+    command = [sys.executable, "-m", "tlr_exp.sweeps.job", str(sweep.path), str(num), *more]
+    command += ["--threads", str(threads)] if threads else []
+    with open(log_path(sweep.path, num), "ab") as log:
+        return subprocess.Popen(
+            command,
+            cwd=folder,
+            env=job_environment(os.environ, spec.threads),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C in the terminal is for the sweep alone
+        )
 
 
 def job_environment(environment: Mapping[str, str], threads: int) -> dict[str, str]:
@@ -124,7 +137,7 @@ def _wait(process: subprocess.Popen[bytes], sweep: Path) -> int:
                 process.kill()
 
 
-def _close(sweep: SweepDirectory, num: int, returned: int) -> None:
+def close_record(sweep: SweepDirectory, num: int, returned: int) -> None:
     """Write how the job ended where it could not do so itself."""
     if sweep.job(num).status not in (WAITING, RUNNING) or returned == ELSEWHERE:
         return
