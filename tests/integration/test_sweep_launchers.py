@@ -23,11 +23,6 @@ needs_ray = pytest.mark.skipif(
 
 
 @pytest.fixture
-def sweeper(trainer) -> Sweeper:
-    return Sweeper(trainer)
-
-
-@pytest.fixture
 def slurm(sweeper):
     """The folder of a pretended SLURM that the sweeper's commands find."""
     folder = sweeper.folder / "slurm"

@@ -113,9 +113,10 @@ def queue(comment: str) -> dict[str, Element]:
 
 
 def accounted(ids: Iterable[str]) -> dict[str, Element]:
-    """The elements that the accounting knows, of those that the controller forgot.
+    """How those that the controller forgot have ended, by the accounts.
 
-    None where the cluster keeps no accounts.
+    Empty where the cluster keeps none. Of an element that was taken out of the queue before it
+    started there is no account under its own id.
     """
     wanted = sorted(ids)
     command = ["sacct", "--noheader", "--parsable2", "--allocations", "--format=JobID,State"]
@@ -124,7 +125,8 @@ def accounted(ids: Iterable[str]) -> dict[str, Element]:
     except LauncherError:
         return {}
     rows = (line.split("|") for line in text.splitlines() if "|" in line)
-    return {row[0]: Element(_state(row[1])) for row in rows if row[0] in wanted}
+    found = {row[0]: Element(_state(row[1])) for row in rows if row[0] in wanted}
+    return {element: said for element, said in found.items() if said.has_ended}
 
 
 def _state(text: str) -> str:
@@ -140,13 +142,15 @@ def rename(element: str, name: str) -> None:
         return
 
 
-def requeue(job: str) -> None:
-    """Queue a job again, which ends it now.
+def requeue(element: str) -> None:
+    """Queue an element again, which ends it now.
+
+    By its id in the array: the number of one of the elements is that of the whole array.
 
     Raises:
         LauncherError: SLURM does not.
     """
-    _ask(["scontrol", "requeue", job])
+    _ask(["scontrol", "requeue", element])
 
 
 def array_size() -> int:

@@ -51,6 +51,10 @@ class Attempts:
         self._content = before
 
     @property
+    def element(self) -> str:
+        return self._content["element"]
+
+    @property
     def timeouts(self) -> int:
         return self._content["timeouts"]
 
@@ -175,7 +179,7 @@ def _go_on_later(
     if process.poll() is not None:
         sweep.write_job(num, WAITING)
     try:
-        requeue(os.environ["SLURM_JOB_ID"])
+        requeue(attempts.element)
     except LauncherError as error:
         _end(process)
         conclude(sweep, num, FAILED, f"out of time and not queued again: {one_line(error)}")
