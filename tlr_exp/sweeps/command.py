@@ -138,7 +138,7 @@ def _work_under(
     if queued := launcher.left_in_the_queue():
         print(f"{queued}\nor let them be: the same command watches them; else they end at once")
     if not mirror.finish():
-        print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
+        print(mirror.what_is_missing)
     return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(status, EXIT_FAILED)
 
 
