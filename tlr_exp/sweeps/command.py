@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
@@ -22,9 +23,10 @@ from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
 from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.monitor import Monitor, from_here, job_log
-from tlr_exp.sweeps.parallel import SLURM_LAUNCHER, LauncherError, RefusedError
+from tlr_exp.sweeps.parallel import RAY_LAUNCHER, SLURM_LAUNCHER, LauncherError, RefusedError
 from tlr_exp.sweeps.plan import make_plan
 from tlr_exp.sweeps.progress import JobState, Pace, job_states
+from tlr_exp.sweeps.ray_launcher import RayLauncher
 from tlr_exp.sweeps.session import Session
 from tlr_exp.sweeps.slurm.launcher import SlurmLauncher
 from tlr_exp.sweeps.spec import Plan
@@ -69,10 +71,12 @@ def run_sweep(config: DictConfig) -> int:
 
 
 def _make_launcher(config: DictConfig, folder: Path, plan: Plan) -> Launcher:
-    node = config.hydra.launcher
-    if str(node.get("_target_")).rpartition(".")[2] == SLURM_LAUNCHER:
-        settings = OmegaConf.to_container(node, resolve=True)
-        return SlurmLauncher(settings, plan, folder)  # type: ignore[arg-type]
+    settings: dict[str, Any] = OmegaConf.to_container(config.hydra.launcher, resolve=True)  # type: ignore[assignment]
+    name = str(settings.get("_target_")).rpartition(".")[2]
+    if name == SLURM_LAUNCHER:
+        return SlurmLauncher(settings, plan, folder)
+    if name == RAY_LAUNCHER:
+        return RayLauncher(settings, folder)
     task = JobTask(str(folder), None if plan.parallelism.detached else os.getpid())
     return HydraLauncher(config, folder, task, plan.parallelism)
 

@@ -25,9 +25,6 @@ from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, PlannedJob
 from tlr_exp.sweeps.stopping import Left, Stopper
 from tlr_exp.sweeps.task import JOB_VARIABLE
 
-# What `pip install` adds for launchers that are not there by default.
-EXTRAS = {"hydra_ray_launcher": "ray"}
-
 
 class SweepCallback(Callback):
     """Runs the sweep in place of Hydra and leaves with its exit status."""
@@ -109,11 +106,7 @@ class HydraLauncher:
             )
         except Exception as error:
             target = str(self._config.hydra.launcher.get("_target_"))
-            extra = next((e for package, e in EXTRAS.items() if package in target), None)
-            hint = f"; pip install 'tlr_exp[{extra}]' brings it" if extra else ""
-            raise LauncherError(
-                f"hydra/launcher: {target} cannot be used{hint}: {error}"
-            ) from error
+            raise LauncherError(f"hydra/launcher: {target} cannot be used: {error}") from error
 
 
 def quoted(text: str) -> str:

@@ -35,11 +35,7 @@ from tlr_exp.running import (
 )
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads
 from tlr_exp.sweeps.stopping import Watch
-from tlr_exp.sweeps.task import ELSEWHERE, conclude, one_line
-
-PATIENCE_S = 1.0
-# A job that a cluster queues again can start before the end of the process that ran out of time.
-CLUSTER_PATIENCE_S = 120.0
+from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, ELSEWHERE, conclude, one_line
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,8 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     watch.start()
     sweep = SweepDirectory(options.sweep)
     try:
-        patience_s = PATIENCE_S if sweep_process else CLUSTER_PATIENCE_S
-        status = train_job(sweep, options.num, patience_s, options.threads, options.run)
+        status = train_job(sweep, options.num, options.patience, options.threads, options.run)
     except RunInUseError as error:
         print(error)
         return ELSEWHERE
@@ -139,6 +134,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("num", type=int, help="the number of the job")
     parser.add_argument(
         "--with-pid", type=int, metavar="PID", help="end, with a checkpoint, when PID does"
+    )
+    parser.add_argument(
+        "--patience", type=float, default=CLUSTER_PATIENCE_S, help="seconds to wait for its run"
     )
     parser.add_argument("--threads", type=int, default=0, help="what it may use")
     parser.add_argument("--run", metavar="NAME", help="go on with this run of the study")

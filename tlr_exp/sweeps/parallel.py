@@ -12,7 +12,8 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
 )
 
-SLURM_LAUNCHER = "SlurmLauncher"  # of tlr_exp.sweeps.slurm, not Hydra's
+# Of tlr_exp.sweeps, not Hydra's.
+SLURM_LAUNCHER, RAY_LAUNCHER = "SlurmLauncher", "RayLauncher"
 
 
 class LauncherError(RuntimeError):
@@ -52,7 +53,7 @@ def parallelism(launcher: Mapping[str, Any], num_jobs: int, cores: int) -> Paral
         return Parallelism(slots, max(1, cores // slots), detached=False)
     if name == SLURM_LAUNCHER:
         return Parallelism(None, int(launcher.get("cpus_per_task") or 0), detached=True)
-    if name == "RayLauncher":
+    if name == RAY_LAUNCHER:
         given = (launcher.get("ray") or {}).get("remote", {}).get("num_cpus")
         return Parallelism(None, max(1, int(given or 1)), detached=False)
     return Parallelism(None, 0, detached=True)

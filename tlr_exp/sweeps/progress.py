@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tlr_exp.records.run_directory import FINISHED, METRICS, RUNNING
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, METRICS, RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.spec import PlannedJob
 
@@ -51,7 +51,8 @@ class JobState:
 
     def with_remark(self, remark: Remark | None) -> JobState:
         """As the queue has it, where it still waits."""
-        if remark is None or self.status != WAITING:
+        # The job of a lost node may yet write that it was interrupted.
+        if remark is None or self.status not in (WAITING, INTERRUPTED):
             return self
         return replace(self, status=remark.status, reason=remark.reason, stuck=remark.stuck)
 

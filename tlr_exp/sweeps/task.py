@@ -29,6 +29,9 @@ from tlr_exp.sweeps.spec import log_path, read_spec, with_threads
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 
 JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
+PATIENCE_S = 1.0
+# A job that a cluster starts again can start before the end of the process that was there before.
+CLUSTER_PATIENCE_S = 120.0
 ELSEWHERE = 75  # exit status of a job whose run another process trains (EX_TEMPFAIL)
 
 
@@ -41,10 +44,13 @@ class JobTask:
     Args:
         sweep: the sweep directory, absolute.
         sweep_pid: the process with which the jobs end; None where they outlive it.
+        patience_s: how long a job waits for a process that still holds its run, such as that of an
+            earlier start whose node was lost.
     """
 
-    def __init__(self, sweep: str, sweep_pid: int | None) -> None:
+    def __init__(self, sweep: str, sweep_pid: int | None, patience_s: float = PATIENCE_S) -> None:
         self.sweep, self.sweep_pid = sweep, sweep_pid
+        self.patience_s = patience_s if sweep_pid is not None else CLUSTER_PATIENCE_S
         self.host, self.folder = socket.gethostname(), os.getcwd()
         self.main_process = os.getpid()
 
@@ -63,7 +69,8 @@ class JobTask:
 
     def _run(self, num: int) -> None:
         sweep = SweepDirectory(self.sweep)
-        more = ["--with-pid", str(self.sweep_pid)] if self._is_with_the_sweep() else []
+        more = ["--patience", str(self.patience_s)]
+        more += ["--with-pid", str(self.sweep_pid)] if self._is_with_the_sweep() else []
         process = start_job(sweep, num, self.folder, more)
         close_record(sweep, num, _wait(process, sweep.path))
 
