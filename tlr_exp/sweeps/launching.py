@@ -20,7 +20,9 @@ class Launcher(Protocol):
     """
 
     leaves_by_itself: bool
-    remarks: Mapping[int, Remark]
+
+    @property
+    def remarks(self) -> Mapping[int, Remark]: ...
 
     def held(self) -> Collection[int]:
         """The jobs that an earlier attempt handed over and that have not ended.

@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -70,8 +71,7 @@ class RayLauncher:
         self, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
     ) -> None:
         """Run jobs, and wait until all have ended; see `Launcher`."""
-        import ray
-
+        ray = import_module("ray")  # slow, and not there by default
         with _quiet(self._sweep.path / LAUNCHER_FOLDER / LOG):
             try:
                 with _own_signals():
@@ -117,9 +117,8 @@ class RayLauncher:
                 words = f"lost {losses} times by Ray: {_first_line(error)}"
                 conclude(self._sweep, job.num, "failed", words)
                 return False
-            say(
-                f"job {job.num} ({job.label}): {LOST}; it goes on on another ({_first_line(error)})"
-            )
+            why = _first_line(error)
+            say(f"job {job.num} ({job.label}): {LOST}, another goes on with it ({why})")
             self._sweep.write_job(job.num, WAITING)
             self._note(job.num, Remark(QUEUED_AGAIN, LOST))
         else:

@@ -42,9 +42,7 @@ def require_packages() -> None:
     """
     missing = [name for name in _PACKAGES if find_spec(name) is None]
     if missing:
-        raise ViewerUnavailable(
-            f"--web needs {' and '.join(missing)}: pip install -e '.[web]' in the folder of this project"
-        )
+        raise ViewerUnavailable(f"--web needs {' and '.join(missing)}: pip install -e '.[web]'")
 
 
 def serve(recording: Recording, robot: Robot, port: int) -> None:

@@ -104,7 +104,8 @@ class SlurmLauncher:
             elements |= {num: f"{array}_{num - base}" for num in nums}
             write_elements(self.sweep.path, elements)
             for num in nums:
-                rename(elements[num], short_name(labels[num], self.settings.name))
+                if len(self.plan.jobs) > 1:  # alone it needs no other name
+                    rename(elements[num], short_name(labels[num], self.settings.name))
 
     def _submit_one(self, script: str, asked: Sequence[str]) -> str:
         try:
