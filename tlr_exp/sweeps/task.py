@@ -21,7 +21,14 @@ from typing import Any
 
 from tlr_exp.cores import OPENMP_DEFAULTS
 from tlr_exp.records.following import WatchedProcess
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    RUNNING,
+    RunDirectory,
+    RunDirectoryError,
+)
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES
@@ -157,13 +164,17 @@ def close_record(sweep: SweepDirectory, num: int, returned: int) -> None:
 def conclude(sweep: SweepDirectory, num: int, status: str, error: str | None = None) -> None:
     """Write how job ``num`` ended, from a process that holds no run (any more).
 
-    The queue of a cluster can hold a job twice. While another process trains its run, the record
-    is that one's.
+    While another process trains its run, the record is that one's. And a job whose run is trained
+    is trained, whatever ended its process after that.
     """
     record = sweep.job(num)
     run = None if record.run is None else RunDirectory(sweep.study_folder / record.run)
-    if record.status == RUNNING and run is not None and run.is_live():
-        return
+    if run is not None and record.status in (RUNNING, FINISHED):
+        if run.is_live():
+            return
+        with suppress(RunDirectoryError):  # somebody moved it away
+            if run.status == FINISHED:
+                status, error = FINISHED, None
     sweep.write_job(num, status, error=error)
 
 

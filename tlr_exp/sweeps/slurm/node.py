@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED
+from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import JOBS, WAITING, SweepDirectory
 from tlr_exp.running import EXIT_FAILED, EXIT_INTERRUPTED
@@ -126,15 +126,20 @@ def _work(sweep: SweepDirectory, num: int, options: argparse.Namespace, signals:
     process = start_job(sweep, num, os.getcwd(), again, threads)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, hidden)
     returned = _wait(process, sweep.path, signals, options.delay - RESERVE_S)
-    if returned == 0 or returned == ELSEWHERE:
+    if returned in (0, ELSEWHERE) or sweep.job(num).status == FINISHED:
         return 0
     if signals.warned_at is not None and not signals.terminated and not stop_requested(sweep.path):
         return _go_on_later(sweep, num, attempts, options, process)
     if signals.any and returned in (EXIT_INTERRUPTED, -signal.SIGINT):
         conclude(sweep, num, INTERRUPTED, "ended by SLURM (SIGTERM)")
-        return EXIT_INTERRUPTED
+        return _exit_status(sweep, num)
     close_record(sweep, num, process.wait())
-    return EXIT_INTERRUPTED if sweep.job(num).status == INTERRUPTED else EXIT_FAILED
+    return _exit_status(sweep, num)
+
+
+def _exit_status(sweep: SweepDirectory, num: int) -> int:
+    """What the record of the job means for SLURM's accounts."""
+    return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(sweep.job(num).status, EXIT_FAILED)
 
 
 def _wait(
