@@ -54,7 +54,8 @@ class ClusterSweeper(Sweeper):
     def iterations(self, num: int) -> list[int]:
         """The iterations in the metrics of job ``num``, as they lie there."""
         run = self.sweep.study_folder / str(self.sweep.job(num).run)
-        return [json.loads(line)["iteration"] for line in open(run / "metrics.jsonl")]
+        lines = (run / "metrics.jsonl").read_text().splitlines(keepends=True)
+        return [json.loads(line)["iteration"] for line in lines if line.endswith("\n")]
 
     def trains(self, num: int, lines: int = 1) -> bool:
         """Whether job ``num`` runs and has so many lines of metrics."""

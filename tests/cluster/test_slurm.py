@@ -99,7 +99,7 @@ def test_what_becomes_of_jobs_in_the_queue_is_said(slurm, sweeper):
     wait_for(lambda: sweeper.trains(0), process)
     slurm.ask("scancel", sweeper.element(1))
     wait_for(lambda: "job 1 (seed=1) was cancelled" in sweeper.output, process)
-    slurm.ask("scontrol", "hold", sweeper.element(2))
+    slurm.ask("scontrol", "uhold", sweeper.element(2))
     wait_for(lambda: "job 2 (seed=2) is held (JobHeldUser)" in sweeper.output, process)
     assert re.search(r"ETA …  .* 1 held \(JobHeldUser\)", sweeper.output)
     # The node is lost, and what ran there with it.
