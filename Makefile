@@ -58,6 +58,14 @@ check: $(INSTALLED) ## Style, types and import contracts
 test: $(INSTALLED) ## The test suite (slow and gpu tests apart: ARGS='-m slow')
 	$(BIN)/python -m pytest -rs $(ARGS)
 
+cluster-tools: $(INSTALLED) ## Install SLURM, its accounts and Ray for test-cluster (Debian or Ubuntu, as root)
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends slurm-wlm slurmdbd munge mariadb-server
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[ray]'
+
+test-cluster: cluster-tools ## Sweeps on a SLURM and a Ray that are brought up on this machine (as root)
+	$(BIN)/python -m pytest -rs -m cluster tests/cluster $(ARGS)
+
 bench: $(INSTALLED) ## The benchmarks, as ratios measured in one run
 	$(BIN)/python -m pytest benchmarks --benchmark-only $(ARGS)
 
@@ -67,4 +75,4 @@ bench-optimizers: $(INSTALLED) ## Compare the weight optimizers: table and pictu
 clean: ## Remove the environment and caches (never runs/)
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
 
-.PHONY: help install play train reproduce-paper report dashboard check test bench bench-optimizers clean
+.PHONY: help install play train reproduce-paper report dashboard check test cluster-tools test-cluster bench bench-optimizers clean

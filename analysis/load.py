@@ -90,8 +90,7 @@ def from_mlflow(tracking_uri: str, experiment: str, sweep: str | None = None) ->
 def hide_password(uri: str) -> str:
     """`uri` for messages, without user name and password."""
     scheme, separator, rest = uri.partition("://")
-    host, slash, path = rest.partition("/")
-    return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}"
+    return uri if uri.startswith(_SQLITE) else f"{scheme}{separator}{rest.rpartition('@')[2]}"
 
 
 def sqlite_file(uri: str) -> Path | None:
@@ -124,7 +123,7 @@ def _errors_of(uri: str) -> Iterator[None]:
     except Exception as error:
         if not isinstance(error, OSError | sqlite3.Error) and not _is_of_mlflow(error):
             raise
-        text = " ".join(str(error).split())
+        text = " ".join(str(error).split()).replace(uri, hide_password(uri))
         if found := re.search(r"\[Errno -?\d+\] ([^'\")]+)|\(sqlite3\.\w+\) (.+?)\[", text):
             text = (found.group(1) or found.group(2)).strip()
         reason = text[:200] or type(error).__name__

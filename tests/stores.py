@@ -6,7 +6,6 @@ import socket
 import sqlite3
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from tests.patience import wait_for
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -82,11 +82,8 @@ def artifacts(folder: Path, run_id: str) -> set[str]:
     return {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.05)
+def wait_until(condition: Callable[[], bool]) -> None:
+    wait_for(condition)
 
 
 def free_port() -> int:
@@ -114,7 +111,7 @@ def server(folder: Path, port: int) -> Iterator[str]:
         )
     uri = f"http://127.0.0.1:{port}"
     try:
-        wait_until(lambda: answers(f"{uri}/health"), timeout_s=120)
+        wait_until(lambda: answers(f"{uri}/health"))
         yield uri
     finally:
         os.killpg(process.pid, signal.SIGKILL)

@@ -91,7 +91,7 @@ def test_it_serves_the_study_on_loopback(tmp_path: Path, database: Path) -> None
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
     ) as process:
         try:
-            wait_until(lambda: answers(f"http://127.0.0.1:{port}/health"), timeout_s=120)
+            wait_until(lambda: answers(f"http://127.0.0.1:{port}/health"))
             url = f"http://127.0.0.1:{port}/api/2.0/mlflow/experiments/get?experiment_id=1"
             with urllib.request.urlopen(url, timeout=30) as answer:
                 assert b"my study" in answer.read()

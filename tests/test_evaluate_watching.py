@@ -38,7 +38,7 @@ def test_without_viser_it_is_told_what_to_install(untrained_run, monkeypatch, ca
     monkeypatch.setattr(web, "find_spec", lambda name: None)
     assert evaluate.main([str(untrained_run), "--web"]) == 2
     told = capsys.readouterr()
-    assert told.err == ("tlr-evaluate: --web needs viser and mjviser: pip install 'tlr_exp[web]'\n")
+    assert told.err == ("tlr-evaluate: --web needs viser and mjviser: pip install -e '.[web]'\n")
     assert told.out == ""
 
 

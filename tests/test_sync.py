@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from stores import small_run, sql, steps
 
+from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.mirror import (
     check_tracking_uri,
     default_tracking_uri,
-    hide_password,
     sqlite_path,
 )
 from tlr_exp.records.run_directory import RunDirectory
@@ -56,7 +56,7 @@ def test_server_that_is_down_is_status_one_and_says_what_to_do(
     assert time.monotonic() - start < 10
     error = capsys.readouterr().err
     assert "a: MLflow at http://127.0.0.1:9: Connection refused" in error
-    assert "wait in the run directories. Try again later with the same command" in error
+    assert "wait in the run directories. Try again later: the same command" in error
 
 
 def test_damaged_run_does_not_keep_the_others_back(

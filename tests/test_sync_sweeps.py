@@ -252,7 +252,7 @@ def test_server_over_http_gets_parent_and_children(
     with server(tmp_path / "server", port) as uri:
         with sweep.lock():
             live = Mirror.start(sweep, uri, "tlr")
-            wait_until(lambda: children(database, PARENT) == {"run0", "run1"}, timeout_s=90)
+            wait_until(lambda: children(database, PARENT) == {"run0", "run1"})
             assert statuses(database)[PARENT] == "RUNNING"
             sweep.set_status("finished")
             assert live.finish(60)

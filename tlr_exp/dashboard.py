@@ -12,7 +12,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import NoReturn
 
-from tlr_exp.records.mirror import URI_VARIABLE, default_tracking_uri, hide_password, sqlite_path
+from tlr_exp.records.credentials import hide_password
+from tlr_exp.records.mirror import URI_VARIABLE, default_tracking_uri, sqlite_path
 from tlr_exp.records.runs import find_runs
 from tlr_exp.terminal import show_any_text
 

@@ -15,6 +15,7 @@ from tlr_exp.constraints import check_starts
 from tlr_exp.g1 import CONTROL_DT_S
 from tlr_exp.identity import run_identity
 from tlr_exp.input_files import file_hashes
+from tlr_exp.records.credentials import has_credentials
 from tlr_exp.records.extending import complete_extension
 from tlr_exp.records.mirror import (
     Mirror,
@@ -55,7 +56,7 @@ def tracking_uri(settings: Settings) -> str | None:
             return None
         if settings.tracking_uri == "auto":
             return default_tracking_uri(settings.runs_dir)
-        if "@" in settings.tracking_uri:
+        if has_credentials(settings.tracking_uri):
             # The configuration is kept in the run directory and shown in MLflow.
             raise ValueError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
         return check_tracking_uri(settings.tracking_uri)
@@ -186,7 +187,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
     print(f"\n{outcome.status} after iteration {outcome.iteration} of {settings.scale.iterations}")
     _say_what_is_there(run, training.store.best(), uri)
     if not mirrored:
-        print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
+        print(mirror.what_is_missing)
     return outcome
 
 

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.following import WatchedProcess, follow, has_ended
-from tlr_exp.records.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE, hide_password
+from tlr_exp.records.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE
 from tlr_exp.records.run_directory import RUNNING, RunDirectory, RunDirectoryError
 from tlr_exp.records.sources import DEFAULT_EXPERIMENT, Source, find_sources, megabytes
 from tlr_exp.records.sweep_directory import SweepDirectoryError, find_sweeps
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from tlr_exp.records.tracking import SyncReport
 
 NICENESS = 10
+DONE, LATER, REFUSED = "done", "later", "refused"  # how bringing one over ends
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,16 +41,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if options.follow is not None:
         return _follow_one(sources[0], options.follow)
-    done = [_sync_one(source) for source in sources]
+    ended = [_sync_one(source) for source in sources]
+    done = all(each == DONE for each in ended)
     for problem in problems:
         print(f"not brought over: {problem}", file=sys.stderr)
-    if not all(done):
+    if not done:
+        when = "Once that is mended" if REFUSED in ended else "Try again later"
         print(
-            "The metrics that are missing wait in the run directories. Try again later with the "
-            "same command: it brings over only what is missing.",
+            f"The metrics that are missing wait in the run directories. {when}: the same command "
+            "brings over only what is missing.",
             file=sys.stderr,
         )
-    return 0 if all(done) and not problems else 1
+    return 0 if done and not problems else 1
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -92,9 +96,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 # --- once ------------------------------------------------------------------------------------
-def _sync_one(source: Source) -> bool:
-    """Bring one run or sweep over and print what was; whether all of it worked."""
-    from tlr_exp.records.mlflow_store import TrackingError
+def _sync_one(source: Source) -> str:
+    """Bring one run or sweep over and print what was; DONE, LATER or REFUSED."""
+    from tlr_exp.records.mlflow_store import TrackingError, TrackingUnavailable
     from tlr_exp.records.sweep_tracking import sync_sweep
     from tlr_exp.records.tracking import sync_run
 
@@ -103,13 +107,13 @@ def _sync_one(source: Source) -> bool:
     try:
         if isinstance(folder, RunDirectory):
             _say_run(sync_run(folder, *target), where)
-            return True
+            return DONE
         report = sync_sweep(folder, *target)
     except (TrackingError, ValueError) as error:
         print(f"{folder.path.name}: {error}", file=sys.stderr)
-        return False
+        return LATER if isinstance(error, TrackingUnavailable) else REFUSED
     _say_sweep(report, where)
-    return not report.problems
+    return LATER if report.problems else DONE
 
 
 def _say_run(report: SyncReport, where: str, indent: str = "") -> None:

@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.integration.sweeper import Sweeper
+from tests.patience import HANG_S, end_processes_of
 
 TINY = (
     "scale.num_envs=16",
@@ -24,13 +28,24 @@ class Trainer:
 
     def __init__(self, folder: Path, motion: Path) -> None:
         self.folder = folder
+        self._started: list[subprocess.Popen[str]] = []
         self.arguments = [*TINY, f"env.motion={motion}", "tracking_uri=none"]
 
     def start(self, *overrides: str) -> subprocess.Popen[str]:
         # Hydra wants its flags before all overrides.
         flags = [argument for argument in overrides if argument.startswith("-")]
         changes = [argument for argument in overrides if argument not in flags]
-        return self.command(self.folder, *flags, *self.arguments, *changes)
+        process = self.command(self.folder, *flags, *self.arguments, *changes)
+        self._started.append(process)
+        return process
+
+    def close(self) -> None:
+        """End what a test that failed has left behind."""
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
+        end_processes_of(self.folder)
 
     @staticmethod
     def command(folder: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -48,14 +63,14 @@ class Trainer:
     def run(self, *overrides: str) -> tuple[int, str]:
         """Exit status and output of a run that is left alone."""
         process = self.start(*overrides)
-        output, _ = process.communicate(timeout=300)
+        output, _ = process.communicate(timeout=HANG_S)
         return process.returncode, output
 
     @classmethod
     def call(cls, folder: Path, *arguments: str) -> tuple[int, str]:
         """Exit status and output of ``command``."""
         process = cls.command(folder, *arguments)
-        output, _ = process.communicate(timeout=300)
+        output, _ = process.communicate(timeout=HANG_S)
         return process.returncode, output
 
     @property
@@ -64,5 +79,14 @@ class Trainer:
 
 
 @pytest.fixture
-def trainer(tmp_path: Path, short_clip_path: Path) -> Trainer:
-    return Trainer(tmp_path, short_clip_path)
+def trainer(tmp_path: Path, short_clip_path: Path) -> Iterator[Trainer]:
+    trainer = Trainer(tmp_path, short_clip_path)
+    yield trainer
+    trainer.close()
+
+
+@pytest.fixture
+def sweeper(trainer: Trainer) -> Iterator[Sweeper]:
+    sweeper = Sweeper(trainer)
+    yield sweeper
+    sweeper.close()

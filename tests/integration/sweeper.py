@@ -3,10 +3,11 @@
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import IO
 
+from tests.patience import HANG_S, end_group, end_processes_of, wait_for
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
 
@@ -26,23 +27,33 @@ class Sweeper:
         self.trainer = trainer
         self.folder: Path = trainer.folder
         self.environment: Mapping[str, str] = {}
+        self.stdout: IO[str] | int = subprocess.PIPE
+        self._started: list[subprocess.Popen[str]] = []
 
     def start(self, *overrides: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "tlr_exp.train", "-m"]
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [*command, *self.trainer.arguments, *SIZE, *overrides],
             cwd=self.folder,
             env={**os.environ, **self.environment},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
+            stdout=self.stdout,
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
         )
+        self._started.append(process)
+        return process
+
+    def close(self) -> None:
+        """End what a test that failed has left behind: the sweeps, then their jobs."""
+        for process in self._started:
+            end_group(process)
+        end_processes_of(self.folder)
 
     def end(self, process: subprocess.Popen[str]) -> tuple[int, str]:
         """Exit status and output of a sweep that is left alone from now on."""
-        output, _ = process.communicate(timeout=300)
+        output, _ = process.communicate(timeout=HANG_S)
         return process.returncode, output
 
     def run(self, *overrides: str) -> tuple[int, str]:
@@ -69,8 +80,4 @@ class Sweeper:
 
     def wait(self, condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
         """Until the condition holds, while the process lives."""
-        deadline = time.monotonic() + 120
-        while not condition():
-            assert process.poll() is None, process.communicate()[0]
-            assert time.monotonic() < deadline, "waited in vain"
-            time.sleep(0.02)
+        wait_for(condition, process, every_s=0.02)

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from tests.integration.conftest import Trainer
+from tests.patience import HANG_S
 from tlr_exp.records.checkpoint import CheckpointStore, load_checkpoint
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
 
@@ -52,7 +53,7 @@ def undisturbed(tmp_path_factory, short_clip_path):
 
 
 def wait_for_lines(run_root: Path, count: int, process) -> None:
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + HANG_S
     while time.monotonic() < deadline and process.poll() is None:
         files = list(run_root.glob("runs/*/*/metrics.jsonl"))
         if files and files[0].read_bytes().count(b"\n") >= count:
@@ -169,7 +170,7 @@ def test_ctrl_c_writes_a_checkpoint_and_says_how_to_go_on(trainer, undisturbed):
     process = trainer.start()
     wait_for_lines(trainer.folder, 1, process)
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=120)
+    output, _ = process.communicate(timeout=HANG_S)
     assert process.returncode == 130, output
     run = RunDirectory.open(trainer.runs[0])
     assert f"tlr-train resume={run.path}" in output

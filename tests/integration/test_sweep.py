@@ -3,18 +3,11 @@
 import json
 import os
 import signal
-import time
 
-import pytest
-
-from tests.integration.sweeper import LAST, Sweeper
+from tests.integration.sweeper import LAST
+from tests.patience import HANG_S, wait_for
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED
 from tlr_exp.records.sweep_directory import find_sweeps
-
-
-@pytest.fixture
-def sweeper(trainer) -> Sweeper:
-    return Sweeper(trainer)
 
 
 def test_a_job_that_diverges_and_one_that_is_killed_leave_the_others_alone(sweeper):
@@ -82,11 +75,8 @@ def test_nothing_of_a_killed_sweep_lives_on(sweeper):
     sweeper.wait(lambda: len(sweeper.lines()) == 2 and sweeper.lines()[0] > 0, process)
     process.kill()
     # Ends once the last process that can write to it does, joblib's workers included.
-    process.communicate(timeout=60)
-    deadline = time.monotonic() + 60
-    while any(run.is_live() for run in sweeper.runs):
-        assert time.monotonic() < deadline, "an orphan goes on"
-        time.sleep(0.1)
+    process.communicate(timeout=HANG_S)
+    wait_for(lambda: not any(run.is_live() for run in sweeper.runs))
     assert sweeper.sweep.status == INTERRUPTED
     assert [run.status for run in sweeper.runs] == [INTERRUPTED] * 2
     assert all(list((run.path / "checkpoints").glob("*.pt")) for run in sweeper.runs)

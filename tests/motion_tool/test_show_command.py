@@ -122,5 +122,5 @@ def test_without_a_viewer_it_is_said_in_one_line(short_clip_path, monkeypatch, c
     monkeypatch.setattr(web, "find_spec", lambda name: None)
     assert main(["show", str(short_clip_path), "--web"]) == 1
     told = capsys.readouterr()
-    assert told.err == "tlr-motion: --web needs viser and mjviser: pip install 'tlr_exp[web]'\n"
+    assert told.err == "tlr-motion: --web needs viser and mjviser: pip install -e '.[web]'\n"
     assert told.out == ""

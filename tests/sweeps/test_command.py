@@ -6,11 +6,13 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from omegaconf import OmegaConf
 
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEP_LOCK, SweepDirectory
 from tlr_exp.sweeps import command
 from tlr_exp.sweeps.command import ANSWER_VARIABLE, run_sweep
+from tlr_exp.sweeps.hydra_callback import HydraLauncher
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -46,17 +48,18 @@ def displays(monkeypatch):
 def run(plan, monkeypatch):
     """``run()``: the exit status of the command for the plan, whose launcher finishes every job."""
 
-    class Launcher:
+    class Launcher(HydraLauncher):
         def __init__(self, config, folder, task, how) -> None:
             self.sweep = SweepDirectory(folder)
 
-        def launch(self, jobs, job_variable) -> None:
-            for num, _ in jobs:
-                self.sweep.write_job(num, "finished")
+        def launch(self, jobs, stopper, say) -> None:
+            for job in jobs:
+                self.sweep.write_job(job.num, "finished")
 
     monkeypatch.setattr(command, "make_plan", lambda config: plan)
     monkeypatch.setattr(command, "HydraLauncher", Launcher)
-    return lambda: run_sweep(SimpleNamespace())  # type: ignore[arg-type]
+    config = OmegaConf.create({"hydra": {"launcher": {"_target_": "a.BasicLauncher"}}})
+    return lambda: run_sweep(config)
 
 
 def sleep_by(sleep, monkeypatch) -> None:

@@ -12,7 +12,7 @@ from tlr_exp.config import ConfigError
 from tlr_exp.records.run_directory import LOCK
 from tlr_exp.sweeps import job as jobs
 from tlr_exp.sweeps.spec import write_spec
-from tlr_exp.sweeps.task import ELSEWHERE, _close
+from tlr_exp.sweeps.task import ELSEWHERE, close_record, conclude
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -72,7 +72,7 @@ def test_the_other_one_ends_without_a_trace_however_it_ends(sweep, start, monkey
     before = sweep.job_path(1).read_bytes()
     monkeypatch.setattr(jobs, "check_inputs", raising(error))
     assert start() == (1 if isinstance(error, ConfigError) else 130)
-    _close(sweep, 1, -9)  # nor does its launcher write that it was killed
+    close_record(sweep, 1, -9)  # nor does its launcher write that it was killed
     assert sweep.job_path(1).read_bytes() == before
 
 
@@ -98,3 +98,14 @@ def test_a_run_that_is_finished_meanwhile_is_named(sweep, run, start):
     record = sweep.job(1)
     expected = ("finished", run.path.name, run.manifest["run_id"])
     assert (record.status, record.run, record.run_id) == expected
+
+
+@pytest.mark.parametrize("ended", ["interrupted", "failed"])
+def test_a_trained_run_is_trained_whatever_ended_its_process_after_that(sweep, run, ended):
+    run.set_status("finished")
+    conclude(sweep, 1, ended, "ended by a signal")
+    assert (sweep.job(1).status, sweep.job(1).error) == ("finished", None)
+    # Of a job that waits the record can name the run of an earlier attempt.
+    sweep.write_job(1, "waiting")
+    conclude(sweep, 1, ended, "no node")
+    assert sweep.job(1).status == ended

@@ -15,12 +15,7 @@ from tlr_exp.sweeps.parallel import Parallelism, parallelism
         (["hydra/launcher=local", "hydra.launcher.n_jobs=-2"], 10, Parallelism(7, 1, False)),
         (["hydra/launcher=local", "hydra.launcher.n_jobs=2"], 10, Parallelism(2, 4, False)),
         (["hydra/launcher=local", "hydra.launcher.n_jobs=20"], 30, Parallelism(20, 1, False)),
-        (["hydra/launcher=slurm_local"], 4, Parallelism(4, 2, True)),
-        (
-            ["hydra/launcher=slurm_local", "hydra.launcher.cpus_per_task=3"],
-            4,
-            Parallelism(4, 3, True),
-        ),
+        (["hydra/launcher=slurm", "hydra.launcher.cpus_per_task=3"], 4, Parallelism(None, 3, True)),
         (["hydra/launcher=slurm"], 10, Parallelism(None, 0, True)),
         (["hydra/launcher=ray_cluster"], 10, Parallelism(None, 1, False)),
         (

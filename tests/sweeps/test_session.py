@@ -4,13 +4,14 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from tlr_exp.records.run_directory import LOCK
 from tlr_exp.records.sweep_directory import SWEEP_LOCK
 from tlr_exp.sweeps import session as sessions
-from tlr_exp.sweeps.parallel import LauncherError
+from tlr_exp.sweeps.parallel import LauncherError, RefusedError
 from tlr_exp.sweeps.session import MAX_STARTS, Session
 from tlr_exp.sweeps.spec import PlannedJob, read_spec
 from tlr_exp.sweeps.stopping import END, STOP, Left, Stopper, request_stop
@@ -34,11 +35,14 @@ class Launcher:
 
 @pytest.fixture
 def begin(plan, sweep):
-    """``begin(launch, plan=plan)``: a session that is about to work off."""
+    """``begin(launch, plan=plan, held=())``: a session that is about to work off."""
     said: list[str] = []
 
-    def make(launch, plan=plan) -> Session:
-        session = Session(plan, sweep, launch, Stopper(sweep.path), said.append)
+    def make(launch, plan=plan, held=()) -> Session:
+        launcher = SimpleNamespace(
+            held=lambda: held, launch=lambda jobs, stopper, say: launch(jobs), remarks={}
+        )
+        session = Session(plan, sweep, launcher, Stopper(sweep.path), said.append)
         session.said = said  # type: ignore[attr-defined]
         session.prepare()
         return session
@@ -130,14 +134,11 @@ def test_a_job_that_never_answers_is_given_up(begin, sweep):
 
 
 def test_a_stopped_sweep_hands_out_nothing_more(begin, sweep):
-    session = begin(Launcher(sweep))
-
     def launch(jobs):
         sweep.write_job(0, "interrupted")
         request_stop(sweep.path, END)
 
-    session._launch = launch
-    session.work_off()
+    begin(launch).work_off()
     assert statuses(sweep) == ["interrupted", "waiting", "waiting"]
 
 
@@ -180,6 +181,34 @@ def test_a_launcher_that_breaks_down_ends_the_attempt(begin, sweep, error):
     session.work_off()
     assert session.launcher_error == (str(error) or None)
     assert statuses(sweep) == ["waiting"] * 3
+
+
+def test_jobs_that_are_refused_as_they_are_end_the_command(begin, sweep):
+    def launch(jobs):
+        raise RefusedError("no such partition")
+
+    with pytest.raises(RefusedError, match="no such partition"):
+        begin(launch).work_off()
+    assert statuses(sweep) == ["waiting"] * 3
+
+
+def test_jobs_that_the_queue_holds_are_watched_with_the_records_that_they_wrote(
+    begin, sweep, make_run
+):
+    make_run(0, "finished")
+    run = make_run(1, "running")
+    launcher = Launcher(sweep)
+    seen = []
+
+    def launch(jobs):
+        seen.extend(sweep.jobs())
+        launcher(jobs)
+
+    session = begin(launch, held=(0, 1))
+    sweep.write_job(1, "running", run=run.path.name)
+    session.work_off()
+    assert launcher.given == [[1, 2]]
+    assert [record.status for record in seen] == ["finished", "running", "waiting"]
 
 
 def test_jobs_that_died_with_their_launcher_are_not_left_running(begin, sweep, make_run):

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from tests.patience import HANG_S
 from tlr_exp.sweeps.stopping import (
     END,
     KILL,
@@ -99,7 +100,7 @@ def test_a_job_saves_and_ends_when_asked_or_orphaned(tmp_path, how):
                 os.kill(other.pid, signal.SIGKILL)
             else:
                 parent.kill()
-            deadline = time.monotonic() + 30
+            deadline = time.monotonic() + HANG_S
             while not (tmp_path / "saved").exists():
                 assert time.monotonic() < deadline
                 time.sleep(0.05)

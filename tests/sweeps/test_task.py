@@ -48,7 +48,8 @@ def test_the_job_is_a_fresh_process_with_a_log_and_a_group_of_its_own(task, swee
     instead('echo "$@"; echo $OMP_NUM_THREADS; ps -o pgid= -p $$; pwd; exit 75')
     task(None)
     arguments, threads, group, folder = log_path(sweep.path, 1).read_text().splitlines()
-    expected = f"-m tlr_exp.sweeps.job {sweep.path} 1 --with-pid {os.getpid()}"
+    expected = f"-m tlr_exp.sweeps.job {sweep.path} 1 --patience 1.0 "
+    expected += f"--with-pid {os.getpid()}"
     assert (arguments, threads, folder) == (expected, "1", os.getcwd())
     assert int(group) != os.getpgrp()
     assert sweep.job(1).status == "waiting"  # 75: another process trains it

@@ -110,7 +110,7 @@ def _find(name: str) -> type:
     except ImportError as error:
         raise ValueError(
             "the optimizer mealpy needs the package mealpy, which is not installed: "
-            "pip install 'tlr_exp[mealpy]'"
+            "pip install -e '.[mealpy]'"
         ) from error
     known = mealpy.get_all_optimizers(verbose=False)
     if name in _UNSEEDED:

@@ -267,7 +267,7 @@ def _check_arguments(num_envs: int, impl: str) -> None:
         raise ValueError(f"physics.impl is {impl!r}; allowed are {', '.join(IMPLEMENTATIONS)}")
     if impl == "warp" and not mjx_warp.WARP_INSTALLED:
         raise ValueError(
-            "physics.impl=warp needs the package warp-lang: pip install 'tlr_exp[gpu]', "
+            "physics.impl=warp needs the package warp-lang: pip install -e '.[gpu]', "
             "or take physics.impl=jax"
         )
 
@@ -279,7 +279,7 @@ def _find_jax_device(device: torch.device) -> Any:
     except RuntimeError as error:
         raise ValueError(
             f"physics.device is {device}, but JAX finds no such device ({error}): "
-            "pip install 'tlr_exp[gpu]', or take device=cpu"
+            "pip install -e '.[gpu]', or take device=cpu"
         ) from error
 
 

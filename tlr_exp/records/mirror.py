@@ -18,6 +18,7 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from tlr_exp.records.credentials import has_credentials, hide_password
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
@@ -77,13 +78,6 @@ def sqlite_path(uri: str) -> Path | None:
     return Path(name) if name and name != ":memory:" else None
 
 
-def hide_password(uri: str) -> str:
-    """`uri` for messages and logs, without user name and password."""
-    scheme, separator, rest = uri.partition("://")
-    host, slash, path = rest.partition("/")
-    return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}"
-
-
 def how_to_open(uri: str, runs_dir: Path) -> str:
     """For messages: the address of a server, or the command that opens a store."""
     if uri.startswith("http"):
@@ -105,9 +99,10 @@ class Mirror:
         uri: str | None,
         experiment: str,
         process: subprocess.Popen | None,
+        log_start: int = 0,
     ) -> None:
         self._path, self._uri, self._experiment = source.path, uri, experiment
-        self._process = process
+        self._process, self._log_start = process, log_start
 
     @classmethod
     def start(
@@ -125,12 +120,14 @@ class Mirror:
         if tracking_uri is None:
             return cls(source, None, experiment, None)
         uri = check_tracking_uri(tracking_uri)
-        process = None
+        process, log_start = None, 0
         try:
+            log = source.path / LOG
+            log_start = log.stat().st_size if log.exists() else 0
             process = _launch(source.path, uri, experiment)
         except OSError as error:
             _log.warning("%s is not mirrored to MLflow while it trains: %s", source.path, error)
-        return cls(source, uri, experiment, process)
+        return cls(source, uri, experiment, process, log_start)
 
     def finish(self, timeout_s: float = 30.0) -> bool:
         """Wait for the mirror after the final status was written; whether all reached MLflow.
@@ -149,9 +146,30 @@ class Mirror:
             return False
 
     @property
+    def what_is_missing(self) -> str:
+        """For a person, after `finish` said False: why, as far as it is known, and what helps."""
+        why = self._last_word()
+        return (
+            f"not all of it has reached MLflow yet{f': {why}' if why else ''}\n"
+            f"bring it there   {self.sync_command}"
+        )
+
+    def _last_word(self) -> str:
+        """What the mirror wrote last, without the time."""
+        try:
+            with open(self._path / LOG, "rb") as log:
+                log.seek(self._log_start)
+                lines = log.read().decode(errors="replace").strip().splitlines()
+        except OSError:
+            return ""
+        return lines[-1].split(" ", 2)[-1] if lines else ""
+
+    @property
     def sync_command(self) -> str:
         """The command line that brings all over by hand, for the message when it did not."""
-        store = ["--tracking-uri", hide_password(self._uri)] if self._uri else []
+        # With credentials it came from the variable, which holds for the command, too.
+        named = self._uri is not None and not has_credentials(self._uri)
+        store = ["--tracking-uri", str(self._uri)] if named else []
         name = ["--experiment", self._experiment]
         return shlex.join(["tlr-sync", str(self._path), *store, *name])
 

@@ -18,7 +18,9 @@ from pathlib import Path
 import filelock
 from sqlalchemy.exc import SQLAlchemyError
 
-from tlr_exp.records.mirror import hide_password, sqlite_path
+from tlr_exp.records.credentials import hide_password, scrub, split_credentials
+from tlr_exp.records.mirror import sqlite_path
+from tlr_exp.records.mlflow_answers import PASSWORD_VARIABLE, USER_VARIABLE, wrong_answer
 from tlr_exp.records.mlflow_view import experiment_tags
 from tlr_exp.records.runs import ARTIFACTS
 
@@ -31,6 +33,7 @@ for _name, _value in {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
     "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
 }.items():
     os.environ.setdefault(_name, _value)
@@ -90,10 +93,15 @@ def tracking_errors(uri: str) -> Iterator[None]:
     except TrackingError:
         raise
     except MlflowException as error:
-        kind = TrackingUnavailable if error.error_code in _PASSING else TrackingError
-        raise kind(f"MLflow at {place}: {_one_line(error)}") from error
+        # What MLflow says of a server that is none names neither its answer nor what to do.
+        answer = wrong_answer(uri)
+        passing = error.error_code in _PASSING if answer is None else answer.passing
+        words = scrub(_one_line(error), uri) if answer is None else answer.words
+        kind = TrackingUnavailable if passing else TrackingError
+        raise kind(f"MLflow at {place}: {words}") from error
     except (OSError, SQLAlchemyError, sqlite3.Error) as error:
-        raise TrackingUnavailable(f"MLflow at {place}: {_one_line(error)}") from error
+        words = scrub(_one_line(error), uri)
+        raise TrackingUnavailable(f"MLflow at {place}: {words}") from error
 
 
 def open_client(uri: str) -> MlflowClient:
@@ -106,8 +114,10 @@ def open_client(uri: str) -> MlflowClient:
     database = sqlite_path(uri)
     with tracking_errors(uri):
         if database is None:
-            client = MlflowClient(tracking_uri=uri)
-            client.search_experiments(max_results=1)  # so that a server that is away shows here
+            client = MlflowClient(tracking_uri=_without_credentials(uri))
+            # So that a server that is away shows here, and one that has no experiment or is none.
+            if not client.search_experiments(max_results=1):
+                _require_mlflow(uri)
             return client
         database.parent.mkdir(parents=True, exist_ok=True)
         # Processes that open a new store together run MLflow's migrations into each other.
@@ -118,6 +128,19 @@ def open_client(uri: str) -> MlflowClient:
             else:
                 _make_store(database)
             return MlflowClient(tracking_uri=uri)
+
+
+def _without_credentials(uri: str) -> str:
+    """The URI for MLflow, which prints it and sends it on; it takes the password by variables."""
+    address, given = split_credentials(uri)
+    if given is not None:
+        os.environ[USER_VARIABLE], os.environ[PASSWORD_VARIABLE] = given.user, given.password
+    return address
+
+
+def _require_mlflow(uri: str) -> None:
+    if answer := wrong_answer(uri):
+        raise TrackingError(f"MLflow at {hide_password(uri)}: {answer.words}")
 
 
 def experiment_id(client: MlflowClient, name: str, uri: str) -> str:

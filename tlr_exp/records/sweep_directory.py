@@ -29,8 +29,8 @@ from tlr_exp.records.storage import atomic_write, storage_errors
 SWEEPS, SWEEP, JOBS, SWEEP_LOCK = "sweeps", "sweep.json", "jobs", "sweep.lock"
 REPORT, FIGURES = "report", "figures"
 
-WAITING = "waiting"
-JOB_STATUSES = (WAITING, *STATUSES)
+WAITING, CANCELLED = "waiting", "cancelled"  # cancelled: taken out of a cluster's queue
+JOB_STATUSES = (WAITING, *STATUSES, CANCELLED)
 
 _LAYOUT = f"A sweep directory holds {SWEEP} and {JOBS}/"
 _REQUIRED = {"sweep_id", "run_id", "name", "study", "status", "num_jobs"}

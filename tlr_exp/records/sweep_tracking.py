@@ -43,6 +43,7 @@ from tlr_exp.records.run_directory import (
     RunDirectoryError,
 )
 from tlr_exp.records.sweep_directory import (
+    CANCELLED,
     FIGURES,
     REPORT,
     SWEEP,
@@ -200,7 +201,7 @@ class SweepUpload:
                 except RunDirectoryError:  # is among the problems
                     run = None
             alive = live or (run is not None and run.is_live())
-            dead = job.status not in (FINISHED, FAILED) and not alive
+            dead = job.status not in (FINISHED, FAILED, CANCELLED) and not alive
             found = mlflow_ids.get(job.run_id or "")
             views.append(JobView(job, INTERRUPTED if dead else job.status, manifest, found))
         return views

@@ -9,25 +9,29 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from tlr_exp.config import ConfigError
 from tlr_exp.records.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
-from tlr_exp.records.sweep_directory import SWEEPS, SweepDirectory, SweepDirectoryError
+from tlr_exp.records.sweep_directory import CANCELLED, SWEEPS, SweepDirectory, SweepDirectoryError
 from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
+from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.monitor import Monitor, from_here, job_log
-from tlr_exp.sweeps.parallel import LauncherError
+from tlr_exp.sweeps.parallel import RAY_LAUNCHER, SLURM_LAUNCHER, LauncherError, RefusedError
 from tlr_exp.sweeps.plan import make_plan
 from tlr_exp.sweeps.progress import JobState, Pace, job_states
+from tlr_exp.sweeps.ray_launcher import RayLauncher
 from tlr_exp.sweeps.session import Session
-from tlr_exp.sweeps.spec import Plan, PlannedJob
+from tlr_exp.sweeps.slurm.launcher import SlurmLauncher
+from tlr_exp.sweeps.spec import Plan
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
-from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask
+from tlr_exp.sweeps.task import JobTask
 
 ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
@@ -36,14 +40,13 @@ TURN_S = 1.0  # how often it is looked whether another process has left the swee
 def run_sweep(config: DictConfig) -> int:
     """The whole sweep that Hydra's multirun configuration describes; its exit status.
 
-    0: every job is trained; 1: some failed; 2: the configuration is wrong and nothing was started;
-    130: interrupted.
+    0: every job is trained; 1: some failed; 2: the configuration is wrong, or a cluster refuses the
+    jobs, and nothing was started; 130: interrupted.
     """
     try:
         plan = make_plan(config)
         folder = plan.study_folder / SWEEPS / f"{plan.name}-{plan.sweep_id}"
-        task = JobTask(str(folder), None if plan.parallelism.detached else os.getpid())
-        launcher = HydraLauncher(config, folder, task, plan.parallelism)
+        launcher = _make_launcher(config, folder, plan)
     except ConfigError as error:
         print_error(error)
         return EXIT_CONFIG
@@ -56,12 +59,26 @@ def run_sweep(config: DictConfig) -> int:
         with turn(sweep, plan):
             clear_stop(sweep.path)
             return _work(plan, sweep, launcher)
+    except RefusedError as error:
+        print(error, file=sys.stderr)
+        return EXIT_CONFIG
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     except (SweepDirectoryError, RunDirectoryError, StorageError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
+
+
+def _make_launcher(config: DictConfig, folder: Path, plan: Plan) -> Launcher:
+    settings: dict[str, Any] = OmegaConf.to_container(config.hydra.launcher, resolve=True)  # type: ignore[assignment]
+    name = str(settings.get("_target_")).rpartition(".")[2]
+    if name == SLURM_LAUNCHER:
+        return SlurmLauncher(settings, plan, folder)
+    if name == RAY_LAUNCHER:
+        return RayLauncher(settings, folder)
+    task = JobTask(str(folder), None if plan.parallelism.detached else os.getpid())
+    return HydraLauncher(config, folder, task, plan.parallelism)
 
 
 @contextmanager
@@ -90,7 +107,7 @@ def _wait_for(holder: str, stack: ExitStack, sweep: SweepDirectory, plan: Plan) 
                 return
 
 
-def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
+def _work(plan: Plan, sweep: SweepDirectory, launcher: Launcher) -> int:
     pace = Pace(plan.parallelism.slots)
     # Closed whatever happens: a live display hides the cursor of the terminal.
     with closing(make_sweep_display(plan.name, pace)) as display:
@@ -98,13 +115,10 @@ def _work(plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher) -> int:
 
 
 def _work_under(
-    display: SweepDisplay, pace: Pace, plan: Plan, sweep: SweepDirectory, launcher: HydraLauncher
+    display: SweepDisplay, pace: Pace, plan: Plan, sweep: SweepDirectory, launcher: Launcher
 ) -> int:
-    def launch(jobs: Sequence[PlannedJob]) -> None:
-        launcher.launch([(job.num, job.overrides) for job in jobs], JOB_VARIABLE)
-
     with Stopper(sweep.path) as stopper:
-        session = Session(plan, sweep, launch, stopper, display.say)
+        session = Session(plan, sweep, launcher, stopper, display.say)
         if session.is_finished():
             display.close()
             _say_how_it_ended(plan, sweep, job_states(sweep, plan.jobs), FINISHED)
@@ -113,15 +127,22 @@ def _work_under(
         sweep.set_status(RUNNING, arms=list(plan.arms))
         session.prepare()
         mirror = Mirror.start(sweep, plan.uri, plan.study)
-        monitor = Monitor(plan, sweep, stopper, display, pace, lambda: session.elsewhere)
-        status = _work_off(session, monitor)
+        elsewhere = lambda: session.elsewhere  # noqa: E731
+        monitor = Monitor(plan, sweep, stopper, display, pace, elsewhere, launcher)
+        try:
+            status = _work_off(session, monitor)
+        except RefusedError:
+            mirror.finish()
+            raise
     states = monitor.states
     sweep.set_status(status)
     _say_how_it_ended(plan, sweep, states, status)
     if session.launcher_error is not None:
         print(session.launcher_error, file=sys.stderr)
+    if queued := launcher.left_in_the_queue():
+        print(f"{queued}\nor let them be: the same command watches them; else they end at once")
     if not mirror.finish():
-        print(f"not all of it has reached MLflow yet; bring it there:  {mirror.sync_command}")
+        print(mirror.what_is_missing)
     return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(status, EXIT_FAILED)
 
 
@@ -159,7 +180,9 @@ def _say_how_it_ended(
     failed = [str(state.num) for state in states if state.status == FAILED]
     rest = sum(state.status != FINISHED for state in states)
     print(f"{plan.name}: {status}; {rest} of {len(states)} jobs are not trained to the end", end="")
-    print(f"; failed: {', '.join(failed)}" if failed else "")
+    print(f"; failed: {', '.join(failed)}" if failed else "", end="")
+    cancelled = [str(state.num) for state in states if state.status == CANCELLED]
+    print(f"; cancelled: {', '.join(cancelled)}" if cancelled else "")
     print("go on            repeat the command: what is trained is kept, the rest is gone on with")
 
 

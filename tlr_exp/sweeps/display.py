@@ -15,12 +15,16 @@ from rich.table import Column, Table
 
 from tlr_exp.progress import clock
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
-from tlr_exp.records.sweep_directory import WAITING
-from tlr_exp.sweeps.progress import JobState, Pace, counts
+from tlr_exp.records.sweep_directory import CANCELLED, WAITING
+from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState, Pace, counts
 
 PLAIN_INTERVAL_S = 30.0
 LOGS_WIDTH = 160  # columns of the table where no terminal sets them
-STYLES = {FINISHED: "green", FAILED: "red", INTERRUPTED: "yellow", RUNNING: "cyan", WAITING: "dim"}
+STYLES = {
+    **{FINISHED: "green", FAILED: "red", INTERRUPTED: "yellow", CANCELLED: "yellow"},
+    **{RUNNING: "cyan", WAITING: "dim", QUEUED_AGAIN: "magenta", HELD: "magenta"},
+}
+TO_COME = (RUNNING, WAITING, QUEUED_AGAIN, HELD)
 
 
 class SweepDisplay(Protocol):
@@ -41,14 +45,21 @@ def progress_line(states: Sequence[JobState], pace: Pace, note: str = "") -> str
     """Time left, jobs by status, iterations: the sweep in one line, what matters most first."""
     count = counts(states)
     parts = []
-    if count[RUNNING] or count[WAITING]:
+    if any(count[status] for status in TO_COME):
         eta = pace.eta_s(states)
         parts.append(f"ETA {'…' if eta is None else clock(eta)}")
     parts.append(f"{count[FINISHED]}/{len(states)} jobs done")
-    parts += [f"{count[s]} {s}" for s in (RUNNING, FAILED, INTERRUPTED, WAITING) if count[s]]
+    shown = (RUNNING, FAILED, CANCELLED, INTERRUPTED, QUEUED_AGAIN, HELD, WAITING)
+    parts += [f"{count[s]} {s}{_reasons(states, s)}" for s in shown if count[s]]
     done, total = sum(state.done for state in states), sum(state.total for state in states)
     parts.append(f"iteration {done}/{total}")
     return "  ".join([*parts, note] if note else parts)
+
+
+def _reasons(states: Sequence[JobState], status: str) -> str:
+    """The queue's words for why jobs of this status wait, in brackets."""
+    reasons = dict.fromkeys(s.reason for s in states if s.status == status and s.reason)
+    return f" ({', '.join(reasons)})" if reasons else ""
 
 
 class PlainSweepDisplay:
@@ -63,7 +74,8 @@ class PlainSweepDisplay:
         print(line, flush=True)
 
     def show(self, states: Sequence[JobState], note: str) -> None:
-        now, seen = time.monotonic(), (counts(states), note)
+        now = time.monotonic()
+        seen = (counts(states), {state.reason for state in states}, note)
         if seen == self._shown and now - self._shown_at < self.interval_s:
             return
         self._shown_at, self._shown = now, seen
@@ -123,9 +135,12 @@ def print_table(states: Sequence[JobState], logs: Sequence[Path | None]) -> None
         unfinished = state.run is not None and state.status != FINISHED
         reached = f" at {state.done} of {state.total}" if unfinished else ""
         run = "" if state.run is None else state.run.name
+        status += escape(f": {state.reason}" if state.reason else "")
         table.add_row(str(state.num), escape(state.label), status + reached, escape(run))
     console.print(table)
     for state, log in zip(states, logs, strict=True):
+        if state.status == FAILED or (state.error and state.status in (INTERRUPTED, CANCELLED)):
+            line = f"job {state.num} {'failed' if state.status == FAILED else state.status}"
+            console.print(f"{line}: {state.error}", markup=False, highlight=False, soft_wrap=True)
         if state.status == FAILED:
-            console.print(f"job {state.num} failed: {state.error}", markup=False, highlight=False)
             console.print(f"    log {log}", markup=False, highlight=False, soft_wrap=True)

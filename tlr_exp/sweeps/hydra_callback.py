@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,10 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, open_dict
 
 from tlr_exp.sweeps.parallel import LauncherError, Parallelism
-
-LAUNCHER_FOLDER = "launcher"  # in the sweep directory: what launchers leave behind
-# What `pip install` adds for launchers that are not there by default.
-EXTRAS = {"hydra_submitit_launcher": "slurm", "hydra_ray_launcher": "ray"}
+from tlr_exp.sweeps.progress import Remark
+from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, PlannedJob
+from tlr_exp.sweeps.stopping import Left, Stopper
+from tlr_exp.sweeps.task import JOB_VARIABLE
 
 
 class SweepCallback(Callback):
@@ -69,17 +69,28 @@ class HydraLauncher:
         self._task = task
         self._make()
 
-    def launch(self, jobs: Sequence[tuple[int, Sequence[str]]], job_variable: str) -> None:
-        """Run jobs, given as number and overrides, and wait until all have ended.
+    leaves_by_itself = False
+    remarks: Mapping[int, Remark] = {}
 
-        Each finds its number in the environment variable ``job_variable``.
+    def held(self) -> Collection[int]:
+        """None: Hydra's launchers know nothing of earlier attempts."""
+        return ()
 
-        Raises:
-            LauncherError: the launcher broke down; jobs may or may not have run.
-        """
-        overrides = [[*given, f"+hydra.job.env_set.{job_variable}='{num}'"] for num, given in jobs]
+    def left_in_the_queue(self) -> str:
+        """Nothing that this process could know of."""
+        return ""
+
+    def launch(
+        self, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
+    ) -> None:
+        """Run jobs, and wait until all have ended; see `Launcher`."""
+        overrides = [
+            [*job.overrides, f"+hydra.job.env_set.{JOB_VARIABLE}='{job.num}'"] for job in jobs
+        ]
         try:
             self._make().launch(overrides, initial_job_idx=0)
+        except Left:
+            raise
         except Exception as error:
             raise LauncherError(
                 f"the launcher broke down: {type(error).__name__}: {error}"
@@ -95,11 +106,7 @@ class HydraLauncher:
             )
         except Exception as error:
             target = str(self._config.hydra.launcher.get("_target_"))
-            extra = next((e for package, e in EXTRAS.items() if package in target), None)
-            hint = f"; pip install 'tlr_exp[{extra}]' brings it" if extra else ""
-            raise LauncherError(
-                f"hydra/launcher: {target} cannot be used{hint}: {error}"
-            ) from error
+            raise LauncherError(f"hydra/launcher: {target} cannot be used: {error}") from error
 
 
 def quoted(text: str) -> str:

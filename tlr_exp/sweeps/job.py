@@ -33,14 +33,10 @@ from tlr_exp.running import (
     print_error,
     train_in,
 )
-from tlr_exp.sweeps.spec import RUN_LOG, read_spec
+from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads
 from tlr_exp.sweeps.stopping import Watch
-from tlr_exp.sweeps.task import ELSEWHERE, conclude, one_line
+from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, ELSEWHERE, conclude, one_line
 from tlr_exp.terminal import refuse_without_docstrings, show_any_text
-
-PATIENCE_S = 1.0
-# A job that a cluster queues again can start before the end of the process that ran out of time.
-CLUSTER_PATIENCE_S = 120.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,12 +47,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The parent may ignore SIGINT, which a new process inherits.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # The warning of a cluster before the end of the time; whoever started this passes it on.
+    signal.signal(signal.SIGUSR2, signal.SIG_IGN)
     sweep_process = None if options.with_pid is None else WatchedProcess(options.with_pid)
     watch = Watch(options.sweep, lambda: sweep_process is None or sweep_process.alive())
     watch.start()
     sweep = SweepDirectory(options.sweep)
     try:
-        status = train_job(sweep, options.num, PATIENCE_S if sweep_process else CLUSTER_PATIENCE_S)
+        status = train_job(sweep, options.num, options.patience, options.threads, options.run)
     except RunInUseError as error:
         print(error)
         return ELSEWHERE
@@ -74,21 +72,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if status == FINISHED else EXIT_INTERRUPTED
 
 
-def train_job(sweep: SweepDirectory, num: int, patience_s: float) -> str:
+def train_job(
+    sweep: SweepDirectory, num: int, patience_s: float, threads: int = 0, again: str | None = None
+) -> str:
     """Train the run of job ``num``, or find that it is trained; how it ended.
 
     A process that holds the run is waited for ``patience_s`` seconds; until it lets go, the record
-    of the job may be its own and is left alone.
+    of the job may be its own and is left alone. Where the specification leaves the number of
+    ``threads`` open, it is that. ``again`` names the run that this start of the job goes on with
+    although the sweep makes new ones.
 
     Raises:
         RunInUseError: another process trains it.
         Exception: whatever went wrong in the training.
     """
-    spec = read_spec(sweep.path, num)
+    spec = with_threads(read_spec(sweep.path, num), threads)
     _name_the_command(sweep.job(num).overrides)
     settings = load_settings(spec.config)
     check_inputs(settings)
-    run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
+    if again is not None and not spec.go_on:
+        run = RunDirectory.open(sweep.study_folder / again)
+    else:
+        run = open_run(settings, spec.config, spec.method, spec.go_on, prefer_finished=True)
     with run.lock(patience_s):
         # Looked at again: whoever held the lock a moment ago may have finished it.
         if run.status == FINISHED:
@@ -133,6 +138,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--with-pid", type=int, metavar="PID", help="end, with a checkpoint, when PID does"
     )
+    parser.add_argument(
+        "--patience", type=float, default=CLUSTER_PATIENCE_S, help="seconds to wait for its run"
+    )
+    parser.add_argument("--threads", type=int, default=0, help="what it may use")
+    parser.add_argument("--run", metavar="NAME", help="go on with this run of the study")
     return parser
 
 

@@ -8,9 +8,10 @@ from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
-from tlr_exp.records.sweep_directory import SweepDirectory
+from tlr_exp.records.sweep_directory import CANCELLED, WAITING, SweepDirectory
 from tlr_exp.sweeps.display import SweepDisplay
-from tlr_exp.sweeps.progress import JobState, Pace, job_states
+from tlr_exp.sweeps.launching import Launcher
+from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState, Pace, job_states
 from tlr_exp.sweeps.spec import RUN_LOG, Plan, log_path
 from tlr_exp.sweeps.stopping import Stopper
 
@@ -25,6 +26,7 @@ class Monitor(threading.Thread):
 
     Args:
         elsewhere: gives the numbers of the jobs that other processes train.
+        launcher: what the jobs were given to.
     """
 
     def __init__(
@@ -35,12 +37,14 @@ class Monitor(threading.Thread):
         display: SweepDisplay,
         pace: Pace,
         elsewhere: Callable[[], Collection[int]],
+        launcher: Launcher,
     ) -> None:
         super().__init__(daemon=True, name="monitor")
         self.plan, self.sweep, self.stopper = plan, sweep, stopper
         self.display, self.pace, self._elsewhere = display, pace, elsewhere
+        self._launcher = launcher
         self.states: list[JobState] = []
-        self._seen: dict[int, str] = {}
+        self._seen: dict[int, tuple[str, str]] = {}
         self._done = threading.Event()
         self._left = False
 
@@ -57,26 +61,37 @@ class Monitor(threading.Thread):
 
     def look(self) -> None:
         """Read, tell what is new, show the rest in one line."""
-        self.states = states = job_states(self.sweep, self.plan.jobs)
+        remarks = self._launcher.remarks
+        found = job_states(self.sweep, self.plan.jobs)
+        self.states = states = [state.with_remark(remarks.get(state.num)) for state in found]
         for state in states:
-            if self._seen.get(state.num, state.status) != state.status:
-                self._announce(state)
-            self._seen[state.num] = state.status
+            now = (state.status, state.reason)
+            before = self._seen.get(state.num, (WAITING, "") if state.reason else now)
+            if before != now:
+                self._announce(state, before[0])
+            self._seen[state.num] = now
         self.pace.note(states, time.monotonic())
         self.display.show(states, self._note(states))
         self._leave_the_queue(states)
 
-    def _announce(self, state: JobState) -> None:
+    def _announce(self, state: JobState, before: str) -> None:
         job = f"job {state.num} ({state.label})"
         log = job_log(self.sweep.path, state)
-        if state.status == RUNNING:
+        if state.status == RUNNING and before != RUNNING:
             self.display.say(f"{job} runs, log {log}")
-        elif state.status == FINISHED and self._seen[state.num] == RUNNING:
+        elif state.status == FINISHED and before == RUNNING:
             self.display.say(f"{job} has finished")
         elif state.status == FAILED:
             self.display.say(f"{job} FAILED: {state.error}\n    log {log}")
         elif state.status == INTERRUPTED:
             self.display.say(f"{job} was interrupted at iteration {state.done} of {state.total}")
+        elif state.status == CANCELLED:
+            self.display.say(f"{job} was cancelled at iteration {state.done} of {state.total}")
+        elif state.status in (QUEUED_AGAIN, HELD):
+            why = f" ({state.reason})" if state.reason not in ("", "None") else ""
+            self.display.say(f"{job} is {state.status}{why}")
+        elif state.stuck:
+            self.display.say(f"{job} waits, and will not start by itself: {state.reason}")
 
     def _note(self, states: Sequence[JobState]) -> str:
         if self.stopper.stopping and any(state.status == RUNNING for state in states):
@@ -88,7 +103,7 @@ class Monitor(threading.Thread):
 
     def _leave_the_queue(self, states: Sequence[JobState]) -> None:
         """Jobs in the queue of a cluster look for the stop when they start: nobody need wait."""
-        detached = self.plan.parallelism.detached
+        detached = self.plan.parallelism.detached and not self._launcher.leaves_by_itself
         if not (detached and self.stopper.stopping) or self._left or self._done.is_set():
             return
         if not any(state.status == RUNNING for state in states):

@@ -12,9 +12,16 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
 )
 
+# Of tlr_exp.sweeps, not Hydra's.
+SLURM_LAUNCHER, RAY_LAUNCHER = "SlurmLauncher", "RayLauncher"
+
 
 class LauncherError(RuntimeError):
     """The launcher is not installed, refuses its settings, or broke down."""
+
+
+class RefusedError(LauncherError):
+    """The jobs are refused as they are: the same command would be refused again."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +51,9 @@ def parallelism(launcher: Mapping[str, Any], num_jobs: int, cores: int) -> Paral
     if name == "JoblibLauncher":
         slots = _joblib_slots(launcher.get("n_jobs", -1), num_jobs, cores)
         return Parallelism(slots, max(1, cores // slots), detached=False)
-    if name == "LocalLauncher":  # submitit's: starts all jobs at once
-        given = launcher.get("cpus_per_task")
-        return Parallelism(num_jobs, int(given or max(1, cores // num_jobs)), detached=True)
-    if name == "RayLauncher":
+    if name == SLURM_LAUNCHER:
+        return Parallelism(None, int(launcher.get("cpus_per_task") or 0), detached=True)
+    if name == RAY_LAUNCHER:
         given = (launcher.get("ray") or {}).get("remote", {}).get("num_cpus")
         return Parallelism(None, max(1, int(given or 1)), detached=False)
     return Parallelism(None, 0, detached=True)

@@ -30,7 +30,7 @@ from tlr_exp.resuming import is_run
 from tlr_exp.running import check_beginning, check_lower_layer, check_world, tracking_uri
 from tlr_exp.settings import Settings
 from tlr_exp.sweeps.parallel import parallelism
-from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
+from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob, with_threads
 
 UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job
@@ -184,14 +184,10 @@ def _job(
 ) -> PlannedJob:
     """The job on its share of the cores, where the configuration leaves the number open (0)."""
     plain, settings, method = composed
-    physics = dict(plain["physics"])
-    if physics.get("num_threads") == 0:
-        physics["num_threads"] = threads
-    own_threads = plain["num_threads"] or threads
     spec = JobSpec(
-        config={**plain, "physics": physics, "num_threads": own_threads},
+        config=plain,
         method=method,
-        threads=own_threads,
+        threads=plain["num_threads"],
         go_on=settings.resume != "never",
     )
     return PlannedJob(
@@ -200,7 +196,7 @@ def _job(
         label=label,
         identity=run_identity(plain),
         iterations=settings.scale.iterations,
-        spec=spec,
+        spec=with_threads(spec, threads),
     )
 
 

@@ -7,19 +7,37 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tlr_exp.records.run_directory import FINISHED, METRICS, RUNNING
+from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, METRICS, RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.spec import PlannedJob
 
 _TAIL_BYTES = 1 << 16  # longer than any line of metrics
 
 
+QUEUED_AGAIN, HELD = "queued again", "held"
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What the queue of a cluster says of a job that waits in it.
+
+    Attributes:
+        status: what the job is rather than waiting, such as QUEUED_AGAIN.
+        reason: the cluster's own word for why it waits, "" where that need not be said.
+        stuck: whether time alone will not start it.
+    """
+
+    status: str = WAITING
+    reason: str = ""
+    stuck: bool = False
+
+
 @dataclass(frozen=True)
 class JobState:
-    """One job now: its record, and how many of its iterations are done."""
+    """One job now: its record, how many of its iterations are done, what the queue says of it."""
 
     num: int
     label: str
@@ -28,6 +46,15 @@ class JobState:
     error: str | None
     done: int
     total: int
+    reason: str = ""
+    stuck: bool = False
+
+    def with_remark(self, remark: Remark | None) -> JobState:
+        """As the queue has it, where it still waits."""
+        # The job of a lost node may yet write that it was interrupted.
+        if remark is None or self.status not in (WAITING, INTERRUPTED):
+            return self
+        return replace(self, status=remark.status, reason=remark.reason, stuck=remark.stuck)
 
 
 def job_states(sweep: SweepDirectory, jobs: Sequence[PlannedJob]) -> list[JobState]:
@@ -105,15 +132,17 @@ class Pace:
     def eta_s(self, states: Sequence[JobState]) -> float | None:
         """Seconds until the last job ends, given to the slots as they become free; None: unknown.
 
-        Jobs that have failed or were interrupted are not counted on.
+        Jobs that have failed or were interrupted are not counted on; of one that is stuck in a
+        queue nobody knows.
         """
         pace = self.seconds_per_iteration
-        if pace is None:
+        if pace is None or any(state.stuck for state in states):
             return None
         left = {RUNNING: list[int](), WAITING: list[int]()}
         for state in states:
-            if state.status in left:
-                left[state.status].append(state.total - state.done)
+            status = WAITING if state.status == QUEUED_AGAIN else state.status
+            if status in left:
+                left[status].append(state.total - state.done)
         return pace * makespan(left[RUNNING], left[WAITING], self._slots or self._seen_slots)
 
 

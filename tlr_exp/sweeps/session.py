@@ -7,24 +7,23 @@ from collections.abc import Callable, Sequence
 
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.runs import latest_runs
-from tlr_exp.records.sweep_directory import SWEEP, WAITING, SweepDirectory
-from tlr_exp.sweeps.parallel import LauncherError
+from tlr_exp.records.sweep_directory import CANCELLED, SWEEP, WAITING, SweepDirectory
+from tlr_exp.sweeps.launching import Launcher
+from tlr_exp.sweeps.parallel import LauncherError, RefusedError
 from tlr_exp.sweeps.spec import Plan, PlannedJob, write_spec
 from tlr_exp.sweeps.stopping import Left, Stopper
 
-ENDED = (FINISHED, FAILED, INTERRUPTED)
+ENDED = (FINISHED, FAILED, INTERRUPTED, CANCELLED)
 LOOK_AGAIN_S = 2.0  # how often it is looked whether a run that others train has ended
 MAX_STARTS = 3  # of a job that comes back as it went, before it counts as failed
 SETTLE_S = 120.0  # how long a job whose launcher broke down may take for its last iteration
-
-Launch = Callable[[Sequence[PlannedJob]], None]
 
 
 class Session:
     """Works off a plan in its sweep directory, which the caller holds locked.
 
     Args:
-        launch: runs jobs and returns when they have ended; raises LauncherError.
+        launcher: runs jobs and returns when they have ended.
         say: shows a line to the person.
     """
 
@@ -32,12 +31,12 @@ class Session:
         self,
         plan: Plan,
         sweep: SweepDirectory,
-        launch: Launch,
+        launcher: Launcher,
         stopper: Stopper,
         say: Callable[[str], None],
     ) -> None:
         self.plan, self.sweep, self.stopper = plan, sweep, stopper
-        self._launch, self._say = launch, say
+        self._launcher, self._say = launcher, say
         self._starts = dict.fromkeys((job.num for job in plan.jobs), 0)
         self._told: set[int] = set()
         self.elsewhere: set[int] = set()
@@ -59,16 +58,22 @@ class Session:
         return all(run is not None and run.status == FINISHED for run in found)
 
     def work_off(self) -> None:
-        """Until every job has ended or somebody stops the sweep."""
+        """Until every job has ended or somebody stops the sweep.
+
+        Raises:
+            RefusedError: the jobs cannot be run as they are.
+        """
         waiting = list(self.plan.jobs)
         try:
             while waiting and not self.stopper.stopping:
                 ready = self._take_stock(waiting)
                 if ready:
-                    self._launch(ready)
+                    self._launcher.launch(ready, self.stopper, self._say)
                 elif self.elsewhere:
                     time.sleep(LOOK_AGAIN_S)
                 waiting = [job for job in waiting if not self._has_ended(job)]
+        except RefusedError:
+            raise
         except LauncherError as error:
             self.launcher_error = str(error)
         except Left:
@@ -80,6 +85,7 @@ class Session:
         runs: dict[str, RunDirectory] = {}
         if self.plan.go_on:
             runs = latest_runs(self.plan.study_folder, prefer_finished=True)
+        held = self._launcher.held()
         ready: list[PlannedJob] = []
         self.elsewhere = set()
         for job in waiting:
@@ -87,6 +93,8 @@ class Session:
             if run is not None and run.status == FINISHED:
                 self._write(job, FINISHED, run)
                 self._tell(job, f"job {job.num} ({job.label}) is trained already: {run.path.name}")
+            elif job.num in held:
+                ready.append(job)  # its record is what it wrote itself
             elif run is not None and run.is_live():
                 self.elsewhere.add(job.num)
                 self._tell(job, f"job {job.num} ({job.label}) is trained by another process: wait")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from tlr_exp.records.storage import atomic_write
 from tlr_exp.records.sweep_directory import JOBS
 from tlr_exp.sweeps.parallel import Parallelism
 
+LAUNCHER_FOLDER = "launcher"  # in the sweep directory: what launchers leave behind
 RUN_LOG = "train.log"  # in the run directory: what the training of a job printed
 
 
@@ -66,6 +67,18 @@ class Plan:
     parallelism: Parallelism
     uri: str | None
     go_on: bool
+
+
+def with_threads(spec: JobSpec, threads: int) -> JobSpec:
+    """``spec`` on so many threads where it leaves the number open (0); with 0 as it is."""
+    if threads == 0:
+        return spec
+    physics = dict(spec.config["physics"])
+    if physics.get("num_threads") == 0:
+        physics["num_threads"] = threads
+    own = spec.config["num_threads"] or threads
+    config = {**spec.config, "physics": physics, "num_threads": own}
+    return replace(spec, config=config, threads=own)
 
 
 def spec_path(sweep: Path, num: int) -> Path:

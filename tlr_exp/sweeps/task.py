@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -21,14 +21,24 @@ from typing import Any
 
 from tlr_exp.cores import OPENMP_DEFAULTS
 from tlr_exp.records.following import WatchedProcess
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import (
+    FAILED,
+    FINISHED,
+    INTERRUPTED,
+    RUNNING,
+    RunDirectory,
+    RunDirectoryError,
+)
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES
-from tlr_exp.sweeps.spec import log_path, read_spec
+from tlr_exp.sweeps.spec import log_path, read_spec, with_threads
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 
 JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
+PATIENCE_S = 1.0
+# A job that a cluster starts again can start before the end of the process that was there before.
+CLUSTER_PATIENCE_S = 120.0
 ELSEWHERE = 75  # exit status of a job whose run another process trains (EX_TEMPFAIL)
 
 
@@ -41,10 +51,13 @@ class JobTask:
     Args:
         sweep: the sweep directory, absolute.
         sweep_pid: the process with which the jobs end; None where they outlive it.
+        patience_s: how long a job waits for a process that still holds its run, such as that of an
+            earlier start whose node was lost.
     """
 
-    def __init__(self, sweep: str, sweep_pid: int | None) -> None:
+    def __init__(self, sweep: str, sweep_pid: int | None, patience_s: float = PATIENCE_S) -> None:
         self.sweep, self.sweep_pid = sweep, sweep_pid
+        self.patience_s = patience_s if sweep_pid is not None else CLUSTER_PATIENCE_S
         self.host, self.folder = socket.gethostname(), os.getcwd()
         self.main_process = os.getpid()
 
@@ -63,26 +76,40 @@ class JobTask:
 
     def _run(self, num: int) -> None:
         sweep = SweepDirectory(self.sweep)
-        spec = read_spec(sweep.path, num)
-        command = [sys.executable, "-m", "tlr_exp.sweeps.job", self.sweep, str(num)]
-        if self._is_with_the_sweep():
-            command += ["--with-pid", str(self.sweep_pid)]
-        with open(log_path(sweep.path, num), "ab") as log:
-            process = subprocess.Popen(
-                command,
-                cwd=self.folder,
-                env=job_environment(os.environ, spec.threads),
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,  # Ctrl-C in the terminal is for the sweep alone
-            )
-        returned = _wait(process, sweep.path)
-        _close(sweep, num, returned)
+        more = ["--patience", str(self.patience_s)]
+        more += ["--with-pid", str(self.sweep_pid)] if self._is_with_the_sweep() else []
+        process = start_job(sweep, num, self.folder, more)
+        close_record(sweep, num, _wait(process, sweep.path))
 
     def _is_with_the_sweep(self) -> bool:
         """Whether this process can see that of the sweep, and is to end with it."""
         return self.sweep_pid is not None and socket.gethostname() == self.host
+
+
+def start_job(
+    sweep: SweepDirectory, num: int, folder: str, more: Sequence[str], threads: int = 0
+) -> subprocess.Popen[bytes]:
+    """The process of job ``num``, started in ``folder`` with ``more`` arguments.
+
+    Where its specification leaves the number of ``threads`` open, it is that.
+
+    Raises:
+        ValueError: the specification of the job is missing or damaged.
+        OSError: it cannot be started.
+    """
+    spec = with_threads(read_spec(sweep.path, num), threads)
+    command = [sys.executable, "-m", "tlr_exp.sweeps.job", str(sweep.path), str(num), *more]
+    command += ["--threads", str(threads)] if threads else []
+    with open(log_path(sweep.path, num), "ab") as log:
+        return subprocess.Popen(
+            command,
+            cwd=folder,
+            env=job_environment(os.environ, spec.threads),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C in the terminal is for the sweep alone
+        )
 
 
 def job_environment(environment: Mapping[str, str], threads: int) -> dict[str, str]:
@@ -124,7 +151,7 @@ def _wait(process: subprocess.Popen[bytes], sweep: Path) -> int:
                 process.kill()
 
 
-def _close(sweep: SweepDirectory, num: int, returned: int) -> None:
+def close_record(sweep: SweepDirectory, num: int, returned: int) -> None:
     """Write how the job ended where it could not do so itself."""
     if sweep.job(num).status not in (WAITING, RUNNING) or returned == ELSEWHERE:
         return
@@ -137,13 +164,17 @@ def _close(sweep: SweepDirectory, num: int, returned: int) -> None:
 def conclude(sweep: SweepDirectory, num: int, status: str, error: str | None = None) -> None:
     """Write how job ``num`` ended, from a process that holds no run (any more).
 
-    The queue of a cluster can hold a job twice. While another process trains its run, the record
-    is that one's.
+    While another process trains its run, the record is that one's. And a job whose run is trained
+    is trained, whatever ended its process after that.
     """
     record = sweep.job(num)
     run = None if record.run is None else RunDirectory(sweep.study_folder / record.run)
-    if record.status == RUNNING and run is not None and run.is_live():
-        return
+    if run is not None and record.status in (RUNNING, FINISHED):
+        if run.is_live():
+            return
+        with suppress(RunDirectoryError):  # somebody moved it away
+            if run.status == FINISHED:
+                status, error = FINISHED, None
     sweep.write_job(num, status, error=error)
 
 

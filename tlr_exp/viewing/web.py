@@ -42,7 +42,7 @@ def require_packages() -> None:
     """
     missing = [name for name in _PACKAGES if find_spec(name) is None]
     if missing:
-        raise ViewerUnavailable(f"--web needs {' and '.join(missing)}: pip install 'tlr_exp[web]'")
+        raise ViewerUnavailable(f"--web needs {' and '.join(missing)}: pip install -e '.[web]'")
 
 
 def serve(recording: Recording, robot: Robot, port: int) -> None:

@@ -1,0 +1,51 @@
+"""A Ray of two nodes on loopback, each with one processor: two raylets and what they need."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+
+@contextmanager
+def two_raylets() -> Iterator[Any]:
+    """Ray's own cluster for tests; all of its processes have ended outside."""
+    # Its own limits are for idle machines.
+    os.environ["RAY_raylet_start_wait_time_s"] = "1800"  # noqa: SIM112 (so Ray spells it)
+    from ray.cluster_utils import Cluster
+
+    size = {"num_cpus": 1, "object_store_memory": 80 * 1024 * 1024}
+    cluster = Cluster(initialize_head=True, head_node_args={**size, "include_dashboard": False})
+    try:
+        cluster.add_node(**size)
+        yield cluster
+    finally:
+        cluster.shutdown()
+
+
+def lose_node_of(cluster: Any, pid: int) -> None:
+    """Kill the raylet above process ``pid``, which must not be that of the head."""
+    ancestors = set(_ancestors(pid))
+    (node,) = [node for node in cluster.worker_nodes if _raylet(node) in ancestors]
+    os.kill(_raylet(node), signal.SIGKILL)
+
+
+def is_on_head(cluster: Any, pid: int) -> bool:
+    """Whether process ``pid`` is below the head's raylet."""
+    return _raylet(cluster.head_node) in _ancestors(pid)
+
+
+def _raylet(node: Any) -> int:
+    return node.all_processes["raylet"][0].process.pid
+
+
+def _ancestors(pid: int) -> list[int]:
+    found = []
+    while pid > 1:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        pid = int(fields[1])
+        found.append(pid)
+    return found

@@ -1,0 +1,214 @@
+"""Submits the jobs of a sweep that the queue does not have yet, and waits for each by itself."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.sweeps.parallel import RefusedError
+from tlr_exp.sweeps.progress import Remark
+from tlr_exp.sweeps.slurm.commands import (
+    Element,
+    UnreachableError,
+    accounted,
+    array_size,
+    largest_node,
+    queue,
+    rename,
+    submit,
+)
+from tlr_exp.sweeps.slurm.elements import (
+    arrays,
+    in_short,
+    read_elements,
+    short_name,
+    write_elements,
+)
+from tlr_exp.sweeps.slurm.settings import Needs, SlurmSettings, needs
+from tlr_exp.sweeps.slurm.submission import options, write_script
+from tlr_exp.sweeps.slurm.verdict import KEEP, Facts, in_the_queue, verdict
+from tlr_exp.sweeps.spec import Plan, PlannedJob
+from tlr_exp.sweeps.stopping import Left, Stopper
+
+TICK_S = 0.5
+# How often SLURM is asked: every two seconds at first, more seldom while nothing changes.
+ASK_S, ASK_AT_MOST_S, ASK_SLOWER = 2.0, 20.0, 1.2
+# Absent so often in a row is gone; a controller that restarts can lack a job for an instant.
+ABSENT_LOOKS = 3
+
+
+class SlurmLauncher:
+    """One attempt at a sweep on SLURM (see tlr_exp.sweeps.launching).
+
+    Attributes:
+        remarks: of jobs that wait in the queue, what they are called there and SLURM's reason.
+
+    Args:
+        launcher: the configuration node hydra.launcher.
+        sweep: the sweep directory.
+
+    Raises:
+        LauncherError: the settings of the launcher cannot be.
+    """
+
+    leaves_by_itself = True
+
+    def __init__(self, launcher: Mapping[str, Any], plan: Plan, sweep: Path) -> None:
+        self.settings = SlurmSettings.read(launcher)
+        self.plan, self.sweep = plan, SweepDirectory(sweep)
+        # Asked for a node that is too small SLURM lets a job wait for ever.
+        node = largest_node(self.settings.partition)
+        self.needs: Needs = needs(self.settings, [job.spec.config for job in plan.jobs], node)
+        self.comment = f"tlr_exp {plan.study} {plan.name}-{plan.sweep_id}"
+        self.remarks: dict[int, Remark] = {}
+        self._queue: dict[str, Element] = {}
+        self._absent: dict[int, int] = {}
+
+    def held(self) -> set[int]:
+        """The jobs that an earlier attempt submitted and that still wait or run in the queue.
+
+        Raises:
+            UnreachableError: the controller does not answer; then nothing may be submitted.
+        """
+        elements = read_elements(self.sweep.path)
+        if not elements:
+            return set()
+        self._queue = queue(self.comment)
+        found = {num: self._queue.get(element) for num, element in elements.items()}
+        return {num for num, element in found.items() if element and not element.has_ended}
+
+    def left_in_the_queue(self) -> str:
+        """Of this sweep, at the last look."""
+        elements = read_elements(self.sweep.path).values()
+        waiting = [one for one in elements if one in self._queue and self._queue[one].is_pending]
+        return how_to_cancel(waiting) if waiting else ""
+
+    # --- submitting --------------------------------------------------------------------------
+    def submit(self, jobs: Sequence[PlannedJob]) -> None:
+        """Put jobs into the queue, and write down which element is which.
+
+        Raises:
+            RefusedError, UnreachableError: from then on nothing was submitted.
+        """
+        elements = read_elements(self.sweep.path)
+        labels = {job.num: job.label for job in jobs}
+        for base, nums in arrays(labels, array_size()).items():
+            script = write_script(self.sweep.path, base, self.settings)
+            indices = [num - base for num in nums]
+            asked = options(self.sweep.path, self.comment, self.settings, self.needs, indices)
+            array = self._submit_one(str(script), asked)
+            elements |= {num: f"{array}_{num - base}" for num in nums}
+            write_elements(self.sweep.path, elements)
+            for num in nums:
+                if len(self.plan.jobs) > 1:  # alone it needs no other name
+                    rename(elements[num], short_name(labels[num], self.settings.name))
+
+    def _submit_one(self, script: str, asked: Sequence[str]) -> str:
+        try:
+            return submit(script, asked)
+        except RefusedError as error:
+            self.held()  # of what was taken before
+            raise RefusedError(f"{error}\n{self.left_in_the_queue()}".strip()) from error
+
+    # --- waiting -----------------------------------------------------------------------------
+    def launch(
+        self, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
+    ) -> None:
+        """Submit those of the jobs that the queue lacks, and wait until each of them has ended.
+
+        Raises:
+            Left: the sweep is to stop, and none of its jobs runs any more.
+            RefusedError, UnreachableError: see `submit`.
+        """
+        held = self.held()
+        self.submit([job for job in jobs if job.num not in held])
+        watched = sorted(held & {job.num for job in jobs})
+        if watched:
+            elements = read_elements(self.sweep.path)
+            names = in_short(elements[num] for num in watched)
+            say(f"{len(watched)} of the jobs are in the queue already, as {names}: watching them")
+        waiting = {job.num for job in jobs}
+        pause_s, complained = ASK_S, ""
+        while waiting:
+            before = (dict(self._queue), dict(self.remarks), len(waiting))
+            try:
+                self._queue = queue(self.comment)
+                waiting -= self._look(waiting)
+                complained = ""
+            except UnreachableError as error:
+                if str(error) != complained:
+                    say(f"{error}\nThe jobs go on; asked again until it answers.")
+                complained = str(error)
+            if stopper.stopping and not self._any_runs(waiting):
+                raise Left
+            same = before == (self._queue, self.remarks, len(waiting))
+            pause_s = min(ASK_AT_MOST_S, ASK_SLOWER * pause_s) if same else ASK_S
+            self._rest(pause_s, stopper, waiting)
+
+    def _look(self, waiting: Collection[int]) -> set[int]:
+        """Write what became of the jobs; those that have ended."""
+        elements = read_elements(self.sweep.path)
+        forgotten = [elements[num] for num in waiting if elements[num] not in self._queue]
+        known = self._queue | (accounted(forgotten) if forgotten else {})
+        ended = set()
+        for num in waiting:
+            element = known.get(elements[num])
+            self._absent[num] = 0 if element else self._absent.get(num, 0) + 1
+            if element is None and self._absent[num] < ABSENT_LOOKS:
+                continue
+            facts = self._facts(num, element)
+            self._note(num, in_the_queue(element))
+            found = verdict(facts)
+            if found is None:
+                continue
+            self._write(num, facts.record, found.status, found.error)
+            if found.ended:
+                ended.add(num)
+                self._note(num, None)
+        return ended
+
+    def _note(self, num: int, remark: Remark | None) -> None:
+        """In a new mapping, because another thread reads the one that is there."""
+        rest = {other: said for other, said in self.remarks.items() if other != num}
+        self.remarks = rest if remark is None else {**rest, num: remark}
+
+    def _facts(self, num: int, element: Element | None) -> Facts:
+        record = self.sweep.job(num)
+        if record.run is None:
+            return Facts(record.status, None, False, element)
+        run = RunDirectory(self.sweep.study_folder / record.run)
+        try:
+            # A record that waits can name the run of an earlier attempt.
+            own = None if record.status == WAITING else run.status
+            return Facts(record.status, own, run.is_live(), element)
+        except RunDirectoryError:  # somebody moved it away
+            return Facts(record.status, None, False, element)
+
+    def _write(self, num: int, before: str, status: str, error: str | None) -> None:
+        if error == KEEP or before == status == FINISHED:
+            return
+        self.sweep.write_job(num, status, error=error)
+
+    def _any_runs(self, waiting: Collection[int]) -> bool:
+        elements = read_elements(self.sweep.path)
+        states = [self._queue.get(elements[num]) for num in waiting]
+        return any(each and not each.has_ended and not each.is_pending for each in states)
+
+    def _rest(self, pause_s: float, stopper: Stopper, waiting: Collection[int]) -> None:
+        """Until it is time to ask again, or something happened that changes the answer."""
+        was_stopping, until = stopper.stopping, time.monotonic() + pause_s
+        seen = [self.sweep.job(num).status for num in waiting]
+        while waiting and time.monotonic() < until and stopper.stopping == was_stopping:
+            time.sleep(TICK_S)
+            if seen != [self.sweep.job(num).status for num in waiting]:
+                return
+
+
+def how_to_cancel(elements: Sequence[str]) -> str:
+    """What is still in the queue, and the command that takes it out."""
+    names = in_short(elements)
+    return f"still in the queue  {names}\ncancel them        scancel {names}"
