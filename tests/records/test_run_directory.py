@@ -449,3 +449,13 @@ def test_module_is_light() -> None:
     """
     process = start_python(code)
     assert process.communicate()[0].strip() == "[]"
+
+
+def test_a_path_that_is_no_text_is_kept(tmp_path):
+    """Bytes that are no UTF-8 stand in a path as lone surrogates."""
+    motion = os.fsdecode(b"/motions/bad\xff/walk.npz")
+    config = {"env": {"motion": motion}}
+    run = RunDirectory.create(tmp_path / "run", config, {}, "00112233", {motion: "1"})
+    opened = RunDirectory.open(run.path)
+    assert opened.config["env"]["motion"] == motion
+    assert opened.manifest["files"] == {motion: "1"}

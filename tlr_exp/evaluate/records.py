@@ -38,7 +38,7 @@ def origin_of(choice: Choice) -> dict[str, Any]:
 def content_of(record: dict[str, Any]) -> bytes:
     """A record as it is written."""
     text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-    return f"{text}\n".encode()
+    return f"{text}\n".encode("utf-8", "backslashreplace")  # paths may be no text
 
 
 def write_whole(path: Path, content: bytes, force: bool) -> str:

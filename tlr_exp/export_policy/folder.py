@@ -97,7 +97,8 @@ def write_folder(choice: Choice, output: Path, force: bool) -> None:
         state = {"trainer": {"ppo": {"actor": tensors}}}
         CheckpointStore(folder / CHECKPOINTS, keep_last=1).save(choice.iteration, state, score)
         record = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-        atomic_write(folder / MANIFEST, f"{record}\n".encode())
+        # Paths may be no text.
+        atomic_write(folder / MANIFEST, f"{record}\n".encode("utf-8", "backslashreplace"))
 
     _put_in_place(output.resolve(), fill, force)
 

@@ -182,7 +182,8 @@ class RunDirectory:
 
     def _write_manifest(self, manifest: dict[str, Any]) -> None:
         text = json.dumps({**manifest, "updated_at": utc_now()}, indent=2, ensure_ascii=False)
-        atomic_write(self.path / MANIFEST, (text + "\n").encode())
+        # A path may hold bytes that are no text; their escapes are JSON's own.
+        atomic_write(self.path / MANIFEST, (text + "\n").encode("utf-8", "backslashreplace"))
 
     # --- one process at a time ---------------------------------------------------------------
     @contextmanager
