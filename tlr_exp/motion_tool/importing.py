@@ -6,10 +6,10 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
-from tlr_exp.motion.importers.conventions import CHOICES
 from tlr_exp.motion.importers.convert import CLAMP_RAD, Imported, import_motion
 from tlr_exp.motion.importers.detect import READERS
 from tlr_exp.motion.importers.raw import Options
+from tlr_exp.motion.importers.readings.conventions import CHOICES
 from tlr_exp.motion_tool.files import add_output, check_output, size
 from tlr_exp.robot import build_robot
 

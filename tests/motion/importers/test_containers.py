@@ -14,8 +14,8 @@ from test_hostile import LIMIT, touch_by_eval
 from wild_files import proto_library, proto_motion, to_torch
 
 from tlr_exp.motion.importers.convert import import_motion
+from tlr_exp.motion.importers.files.torch_archive import load_torch
 from tlr_exp.motion.importers.raw import MotionFileError, Options
-from tlr_exp.motion.importers.torch_archive import load_torch
 
 LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:12\nsize 132\n"
 

@@ -19,8 +19,8 @@ from foreign_files import (
 from wild_files import FORMATS, WILD
 
 from tlr_exp.g1 import JOINT_NAMES
-from tlr_exp.motion.importers.containers import MAX_BYTES
 from tlr_exp.motion.importers.convert import CLAMP_RAD, import_motion
+from tlr_exp.motion.importers.files.containers import MAX_BYTES
 from tlr_exp.motion.importers.raw import MotionFileError
 
 KNEE = JOINT_NAMES.index("left_knee_joint")
@@ -144,14 +144,14 @@ def test_huge_file_is_refused_before_it_is_read(tmp_path, robot):
 @pytest.mark.parametrize("compress", [("zlib", 9), ("bz2", 9), ("xz", 6)])
 def test_what_unpacks_without_end_is_refused(compress, written, robot, monkeypatch):
     """The limit is lowered, to make the same refusal fast."""
-    monkeypatch.setattr("tlr_exp.motion.importers.containers.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("tlr_exp.motion.importers.files.containers.MAX_BYTES", 1 << 20)
     path = written(to_joblib({"m": np.zeros(1 << 20)}, compress=compress))
     assert path.stat().st_size < 1 << 18
     assert "unpacks to more than 1 MiB" in refusal(path, robot)
 
 
 def test_npz_that_unpacks_to_too_much(tmp_path, robot, monkeypatch):
-    monkeypatch.setattr("tlr_exp.motion.importers.containers.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("tlr_exp.motion.importers.files.containers.MAX_BYTES", 1 << 20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, qpos=np.zeros(1 << 20))
     assert "unpacks to more than 1 MiB" in refusal(path, robot)

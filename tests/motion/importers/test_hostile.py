@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from wild_files import WILD, WITHOUT_RATE
 
 from tlr_exp.motion.importers.convert import import_motion
+from tlr_exp.motion.importers.files.safe_pickle import load_pickle
 from tlr_exp.motion.importers.raw import MotionFileError, Options
-from tlr_exp.motion.importers.safe_pickle import load_pickle
 from tlr_exp.motion_tool import main
 
 LIMIT = 1 << 20
@@ -141,7 +141,7 @@ def test_memory_is_not_set_aside_on_demand(program):
     """In a process of its own with 4 GB of memory to have."""
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))\n"
-        "from tlr_exp.motion.importers.safe_pickle import load_pickle\n"
+        "from tlr_exp.motion.importers.files.safe_pickle import load_pickle\n"
         "from tlr_exp.motion.importers.raw import MotionFileError\n"
         f"try: load_pickle({program!r}, 1 << 20)\n"
         "except MotionFileError as error: assert 'MemoryError' not in str(error), error\n"

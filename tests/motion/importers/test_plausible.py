@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from wild_files import lafan1_rows, text
 
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
-from tlr_exp.motion.importers.conventions import interpret
 from tlr_exp.motion.importers.convert import import_motion
-from tlr_exp.motion.importers.joints import in_order
-from tlr_exp.motion.importers.plausible import check_plausible
 from tlr_exp.motion.importers.raw import Conventions, MotionFileError, Options, RawMotion, Recorded
-from tlr_exp.motion.importers.stance import StanceMeter
+from tlr_exp.motion.importers.readings.conventions import interpret
+from tlr_exp.motion.importers.readings.joints import in_order
+from tlr_exp.motion.importers.readings.plausible import check_plausible
+from tlr_exp.motion.importers.readings.stance import StanceMeter
 
 # From the world of a robot (z up) to one whose y axis points up.
 TO_Y_UP = Rotation.from_euler("x", -90, degrees=True)

@@ -7,9 +7,9 @@ import pytest
 from foreign_files import MUJOCO_ORDER, npz
 from wild_files import NAMED, bones_seed, lafan1_rows, text
 
-from tlr_exp.motion.importers.columns import joint_of, plain, understand
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
+from tlr_exp.motion.importers.readings.columns import joint_of, plain, understand
 
 ROOT = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 

@@ -8,12 +8,8 @@ import numpy as np
 from tlr_exp.g1 import CONTROL_DT_S, JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
-from tlr_exp.motion.importers import containers
-from tlr_exp.motion.importers.conventions import of_options
 from tlr_exp.motion.importers.detect import READERS, detect
-from tlr_exp.motion.importers.kinematics import KinematicsGap, kinematics_gap, with_order
-from tlr_exp.motion.importers.metadata import with_metadata
-from tlr_exp.motion.importers.plausible import check_plausible, likely_reading, suggestion
+from tlr_exp.motion.importers.files import containers
 from tlr_exp.motion.importers.raw import (
     MAX_DURATION_S,
     ImplausibleError,
@@ -21,6 +17,10 @@ from tlr_exp.motion.importers.raw import (
     Options,
     RawMotion,
 )
+from tlr_exp.motion.importers.readings.conventions import of_options
+from tlr_exp.motion.importers.readings.kinematics import KinematicsGap, kinematics_gap, with_order
+from tlr_exp.motion.importers.readings.metadata import with_metadata
+from tlr_exp.motion.importers.readings.plausible import check_plausible, likely_reading, suggestion
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
 from tlr_exp.robot import Robot
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tlr_exp.motion.importers import (
+from tlr_exp.motion.importers.files.text_table import COLUMNS, TABLE
+from tlr_exp.motion.importers.formats import (
     amp,
     asap,
     beyondmimic,
@@ -16,7 +17,6 @@ from tlr_exp.motion.importers import (
     table,
 )
 from tlr_exp.motion.importers.raw import MotionFileError, Options, Recorded, listed
-from tlr_exp.motion.importers.text_table import COLUMNS, TABLE
 
 Reader = Callable[[Mapping[str, Any], Options], Recorded]
 READERS: dict[str, Reader] = {

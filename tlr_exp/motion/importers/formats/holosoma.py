@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from tlr_exp.motion.importers.joints import PELVIS
 from tlr_exp.motion.importers.raw import (
     Conventions,
     FileBodies,
@@ -16,6 +15,7 @@ from tlr_exp.motion.importers.raw import (
     take_names,
     take_rate,
 )
+from tlr_exp.motion.importers.readings.joints import PELVIS
 from tlr_exp.motion.quaternions import angle_between
 
 _ROOT_TOLERANCE_RAD = 0.05

@@ -6,7 +6,6 @@ import numpy as np
 
 from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.checks import UNIT_QUAT_TOLERANCE
-from tlr_exp.motion.importers.joints import check_joints, in_order, links_of
 from tlr_exp.motion.importers.raw import (
     Bodies,
     Conventions,
@@ -18,6 +17,7 @@ from tlr_exp.motion.importers.raw import (
     Recorded,
     listed,
 )
+from tlr_exp.motion.importers.readings.joints import check_joints, in_order, links_of
 from tlr_exp.motion.quaternions import product, rotate
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}

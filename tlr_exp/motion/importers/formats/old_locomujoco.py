@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tlr_exp.motion.importers.locomujoco import choose_part
+from tlr_exp.motion.importers.formats.locomujoco import choose_part
 from tlr_exp.motion.importers.raw import (
     Conventions,
     MotionFileError,

@@ -8,8 +8,8 @@ import numpy as np
 from tlr_exp.g1 import FEET, TRACKED_BODIES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.feet import sole_points
-from tlr_exp.motion.importers.kinematics import distances
 from tlr_exp.motion.importers.raw import Bodies, RawMotion
+from tlr_exp.motion.importers.readings.kinematics import distances
 from tlr_exp.motion.joint_limits import beyond_limits
 from tlr_exp.motion.quaternions import rotate
 from tlr_exp.robot import Robot

@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from tlr_exp.g1 import JOINT_NAMES
-from tlr_exp.motion.importers.columns import Columns, understand
-from tlr_exp.motion.importers.conventions import LARGEST_RAD
-from tlr_exp.motion.importers.joints import JOINT_NAMES_29
+from tlr_exp.motion.importers.files.text_table import COLUMNS, TABLE
 from tlr_exp.motion.importers.raw import (
     Conventions,
     MotionFileError,
@@ -23,8 +21,10 @@ from tlr_exp.motion.importers.raw import (
     take,
     take_rate,
 )
-from tlr_exp.motion.importers.table_time import rate_of_steps
-from tlr_exp.motion.importers.text_table import COLUMNS, TABLE
+from tlr_exp.motion.importers.readings.columns import Columns, understand
+from tlr_exp.motion.importers.readings.conventions import LARGEST_RAD
+from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
+from tlr_exp.motion.importers.readings.table_time import rate_of_steps
 from tlr_exp.motion.quaternions import from_euler
 
 FPS = 30.0

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from tlr_exp.motion.importers.npz import NpzArrays, member_names, read_array
+from tlr_exp.motion.importers.files.npz import NpzArrays, member_names, read_array
+from tlr_exp.motion.importers.files.safe_pickle import load_pickle
+from tlr_exp.motion.importers.files.text_table import TABLE, is_text, looks_like_text, parse_text
+from tlr_exp.motion.importers.files.torch_archive import load_torch, torch_pickle
 from tlr_exp.motion.importers.raw import DamagedError, MotionFileError
-from tlr_exp.motion.importers.safe_pickle import load_pickle
-from tlr_exp.motion.importers.text_table import TABLE, is_text, looks_like_text, parse_text
-from tlr_exp.motion.importers.torch_archive import load_torch, torch_pickle
 
 MAX_BYTES = 256 << 20  # of a file, and of what it unpacks to
 

@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tlr_exp.motion.importers.files.unpacking import unpacked
 from tlr_exp.motion.importers.raw import DamagedError, MotionFileError
-from tlr_exp.motion.importers.unpacking import unpacked
 
 _NUMPY = "ndarray", "dtype", "_reconstruct", "scalar", "_frombuffer"
 _JOBLIB = "joblib.numpy_pickle", "NumpyArrayWrapper"

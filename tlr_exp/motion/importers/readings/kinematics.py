@@ -6,8 +6,6 @@ import numpy as np
 
 from tlr_exp.g1 import LINK_NAMES, TRACKED_BODIES
 from tlr_exp.motion.clip import body_states
-from tlr_exp.motion.importers.conventions import interpret
-from tlr_exp.motion.importers.joints import ORDERS
 from tlr_exp.motion.importers.raw import (
     Bodies,
     Conventions,
@@ -17,6 +15,8 @@ from tlr_exp.motion.importers.raw import (
     Recorded,
     thinned,
 )
+from tlr_exp.motion.importers.readings.conventions import interpret
+from tlr_exp.motion.importers.readings.joints import ORDERS
 from tlr_exp.robot import Robot
 
 _COMPARED_FRAMES = 50

@@ -12,8 +12,6 @@ from itertools import product as combinations
 import numpy as np
 
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
-from tlr_exp.motion.importers.conventions import LARGEST_RAD, open_choices
-from tlr_exp.motion.importers.kinematics import with_order
 from tlr_exp.motion.importers.raw import (
     Conventions,
     MotionFileError,
@@ -22,7 +20,9 @@ from tlr_exp.motion.importers.raw import (
     Recorded,
     thinned,
 )
-from tlr_exp.motion.importers.stance import FRAMES, SPEED_M_S, UPRIGHT, Stance, StanceMeter
+from tlr_exp.motion.importers.readings.conventions import LARGEST_RAD, open_choices
+from tlr_exp.motion.importers.readings.kinematics import with_order
+from tlr_exp.motion.importers.readings.stance import FRAMES, SPEED_M_S, UPRIGHT, Stance, StanceMeter
 from tlr_exp.motion.joint_limits import furthest_beyond
 from tlr_exp.motion.quaternions import rotate
 from tlr_exp.robot import Robot

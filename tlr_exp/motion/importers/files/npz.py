@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tlr_exp.motion.importers.files.safe_pickle import load_pickle
 from tlr_exp.motion.importers.raw import MotionFileError
-from tlr_exp.motion.importers.safe_pickle import load_pickle
 
 
 class NpzArrays(Mapping[str, Any]):

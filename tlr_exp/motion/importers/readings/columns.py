@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from tlr_exp.motion.importers.joints import JOINT_NAMES_29
+from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
 
 _TIME = {"time", "t", "timestamp", "timestamps", "time_s", "sec", "seconds", "time_stamp"}
 _TIME |= {"time_ms", "timestamp_ms", "timestamp_s", "time_sec"}

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from tlr_exp.motion.importers.joints import PELVIS, check_joints
 from tlr_exp.motion.importers.raw import (
     Conventions,
     FileBodies,
@@ -15,6 +14,7 @@ from tlr_exp.motion.importers.raw import (
     take_names,
     take_rate,
 )
+from tlr_exp.motion.importers.readings.joints import PELVIS, check_joints
 
 
 def read(content: Mapping[str, Any], options: Options) -> Recorded:

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tlr_exp.motion.importers.files.safe_pickle import DataUnpickler, Global, load_with
 from tlr_exp.motion.importers.raw import MotionFileError
-from tlr_exp.motion.importers.safe_pickle import DataUnpickler, Global, load_with
 
 # What a storage's name means; bfloat16 has no name in numpy.
 _KINDS = {

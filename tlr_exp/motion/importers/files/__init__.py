@@ -1,0 +1,1 @@
+"""Kinds of file, taken apart into arrays: archives, pickles read as data, tables of text."""

@@ -1,0 +1,1 @@
+"""One module per format: what each project calls its arrays, and how it means them."""
