@@ -4,7 +4,7 @@ import json
 from collections import ChainMap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -35,7 +35,8 @@ def with_metadata(
     if not _fits(said, content):
         return content, (f"the {FILE} beside it does not fit and is not used",)
     added = {key: said[key] for key in (*_FITS, "fps") if key in said and key not in content}
-    return ChainMap(added, content), (f"{', '.join(added)} from the {FILE} beside it",)
+    both = ChainMap(added, cast("dict[str, Any]", content))
+    return both, (f"{', '.join(added)} from the {FILE} beside it",)
 
 
 def _fits(said: Any, content: Mapping[str, Any]) -> bool:
