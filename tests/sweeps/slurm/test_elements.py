@@ -35,7 +35,7 @@ def test_ranges_are_read_back(indices):
 
 def test_elements_are_written_as_one_types_them():
     assert index_list([0, 1, 2, 5, 7, 8]) == "0-2,5,7-8"
-    assert in_short(["12_0", "12_2", "12_1", "7_3"]) == "12_[0-2] 7_3"
+    assert in_short(["12_0", "12_2", "12_1", "7_3"]) == "7_3 12_[0-2]"
     assert in_short(["12_0", "12_5"]) == "12_[0,5]"
 
 

@@ -72,7 +72,10 @@ def in_short(elements: Iterable[str]) -> str:
     for element in elements:
         array, _, index = element.partition("_")
         by_array.setdefault(array, []).append(int(index))
-    lists = {array: index_list(sorted(found)) for array, found in sorted(by_array.items())}
+    lists = {
+        array: index_list(sorted(found))
+        for array, found in sorted(by_array.items(), key=lambda item: int(item[0]))
+    }
     return " ".join(
         f"{array}_{one}" if one.isdecimal() else f"{array}_[{one}]" for array, one in lists.items()
     )
