@@ -39,7 +39,7 @@ class Rollouts:
         """One number per seed of an arm (index seed, ascending), without runs that lack it."""
         if measure not in self.by_run.columns:
             return pd.Series(dtype=np.float64)
-        runs = study.runs[study.runs["arm"] == arm].sort_values("seed")
+        runs = pd.DataFrame(study.runs[study.runs["arm"] == arm]).sort_values("seed")
         values = self.by_run[measure].reindex(runs.index)
         return pd.Series(values.to_numpy(), index=runs["seed"].to_numpy()).dropna()
 
@@ -139,13 +139,13 @@ def same_phase(study: Study, measure: str, treatment: str) -> SamePhase | None:
     runs = study.runs.loc[study.starts[RUN], ["arm", "seed"]].reset_index(drop=True)
     columns = study.starts[[PHASE, "upright", measure]].reset_index(drop=True)
     rows = pd.concat([columns, runs], axis=1)
-    arms = [rows[rows["arm"] == arm] for arm in (study.baseline, treatment)]
+    arms = [pd.DataFrame(rows[rows["arm"] == arm]) for arm in (study.baseline, treatment)]
     both = arms[0].merge(arms[1], on=["seed", PHASE], suffixes=("_b", "_t"))
-    kept = both[(both["upright_b"] == 1.0) & (both["upright_t"] == 1.0)]
+    kept = pd.DataFrame(both[(both["upright_b"] == 1.0) & (both["upright_t"] == 1.0)])
     kept = kept.dropna(subset=[f"{measure}_b", f"{measure}_t"])
     if kept.empty:
         return None
-    means = kept.groupby("seed")[[f"{measure}_b", f"{measure}_t"]].mean()
+    means = pd.DataFrame(kept.groupby("seed")[[f"{measure}_b", f"{measure}_t"]].mean())
     return SamePhase(
         tuple(int(seed) for seed in means.index),
         means[f"{measure}_b"].to_numpy(),

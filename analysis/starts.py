@@ -58,7 +58,7 @@ def parse_starts(content: bytes, where: str) -> pd.DataFrame:
     if not pd.api.types.is_numeric_dtype(table[PHASE]):
         raise StudyError(f"{where}: {PHASE} holds {table[PHASE].iloc[0]}; it must be a number")
     aside = (RUN, "arm", "seed")  # the study knows its runs
-    numbers = [str(n) for n in table.columns if n not in aside and _is_number(table[n])]
+    numbers = [str(n) for n in table.columns if n not in aside and _is_number(pd.Series(table[n]))]
     frame = pd.DataFrame(table[[RUN, *numbers]].astype(dict.fromkeys(numbers, np.float64)))
     problems = [*starts_problems(frame)]
     if problems:

@@ -94,7 +94,7 @@ def only_seeds(study: Study, seeds: tuple[int, ...]) -> Study:
     curves = study.curves[study.curves["seed"].isin(seeds)]
     starts = study.starts
     if len(starts):
-        starts = pd.DataFrame(starts[starts[RUN].isin(runs.index)])
+        starts = pd.DataFrame(starts[starts[RUN].isin(list(runs.index))])
     return replace(study, runs=runs, curves=curves, starts=starts)
 
 

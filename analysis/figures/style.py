@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from analysis.study import pretty_arm
@@ -194,13 +193,6 @@ def render(figure: Figure, file_format: Format) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=file_format, dpi=PNG_DPI, metadata=_METADATA[file_format])
     return buffer.getvalue()
-
-
-@styled
-def add_page(pages: PdfPages, figure: Figure, note: str) -> None:
-    """The figure as a page of a PDF, with its caption as a note on it."""
-    pages.savefig(figure)
-    pages.attach_note(note)
 
 
 def save(

@@ -1,5 +1,7 @@
 """Tracking error against lower-layer cost: who moves better for the same tracking."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -65,7 +67,7 @@ def _draw_arm(axes: Axes, points: np.ndarray, look: ArmLook) -> None:
         axes.add_patch(
             Polygon(hull, facecolor=look.color, alpha=_CLOUD_ALPHA, edgecolor="none", zorder=1.5)
         )
-    marker = {"marker": look.marker, "linestyle": "none", "color": look.color}
+    marker: dict[str, Any] = {"marker": look.marker, "linestyle": "none", "color": look.color}
     axes.plot(points[:, 0], points[:, 1], markersize=4, markeredgewidth=0, zorder=3, **marker)
     mean = points.mean(axis=0)
     axes.plot(

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
-from analysis.figures.style import add_page, render
+from analysis.figures.style import render, styled
 from analysis.report import answer, sections
 from analysis.report.answer import CARRIERS, Judged
 from analysis.report.claims import findings
@@ -120,6 +120,7 @@ def carrier_of(pictures: Sequence[Picture], evidence: Evidence) -> Picture | Non
     return next((drawn[stem] for stem in CARRIERS if stem in drawn), None)
 
 
+@styled  # the PDF writes its fonts as it closes, by the style that is in force then
 def draw_all(
     study: Study, rates: Mapping[str, FalsePositiveRates], progress: Progress
 ) -> tuple[tuple[Picture, ...], tuple[str, ...], bytes]:
@@ -142,7 +143,8 @@ def draw_all(
             words = drawing.title, drawing.caption, spec.paper
             width = drawing.figure.get_figwidth()
             pictures.append(Picture(spec.stem, *words, width, *files))
-            add_page(pages, drawing.figure, f"{drawing.title}. {drawing.caption}")
+            pages.savefig(drawing.figure)
+            pages.attach_note(f"{drawing.title}. {drawing.caption}")
     return tuple(pictures), tuple(missing), buffer.getvalue()
 
 

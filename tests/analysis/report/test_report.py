@@ -113,6 +113,7 @@ def test_figures_are_pages_of_a_pdf_and_the_comparison_is_a_latex_table(
     assert pdf.startswith(b"%PDF-")
     assert len(re.findall(rb"/Type /Page\b", pdf)) == pages
     assert b"CreationDate" not in pdf
+    assert b"/Type3" not in pdf  # fonts that some journals refuse
     latex = (folder / "comparison.tex").read_text()
     assert latex.count("begin{tabular}") == 1
     assert "Upper-body error, last 20 \\%" in latex
