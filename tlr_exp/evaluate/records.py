@@ -9,7 +9,7 @@ from typing import Any
 from tlr_exp.evaluate.choosing import Choice
 from tlr_exp.outputs import check_free
 from tlr_exp.records.run_directory import EVALUATIONS
-from tlr_exp.records.storage import atomic_write
+from tlr_exp.records.storage import atomic_write, json_bytes
 
 
 def evaluation_folder(choice: Choice) -> Path:
@@ -37,8 +37,7 @@ def origin_of(choice: Choice) -> dict[str, Any]:
 
 def content_of(record: dict[str, Any]) -> bytes:
     """A record as it is written."""
-    text = json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False)
-    return f"{text}\n".encode("utf-8", "backslashreplace")  # paths may be no text
+    return json_bytes(record, allow_nan=False)
 
 
 def write_whole(path: Path, content: bytes, force: bool) -> str:

@@ -27,7 +27,7 @@ from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, read_scores
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.run_directory import CONFIG, FINISHED, MANIFEST, MOTION, RunDirectory
-from tlr_exp.records.storage import atomic_write, storage_errors, sync_file, sync_folder
+from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors, sync_file, sync_folder
 
 POLICY = "policy"  # the manifest's entry on the run, iteration and evaluation of the policy
 
@@ -96,9 +96,7 @@ def write_folder(choice: Choice, output: Path, force: bool) -> None:
         tensors = {name: tensor.detach().cpu().clone() for name, tensor in actor.items()}
         state = {"trainer": {"ppo": {"actor": tensors}}}
         CheckpointStore(folder / CHECKPOINTS, keep_last=1).save(choice.iteration, state, score)
-        record = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False)
-        # Paths may be no text.
-        atomic_write(folder / MANIFEST, f"{record}\n".encode("utf-8", "backslashreplace"))
+        atomic_write(folder / MANIFEST, json_bytes(manifest, allow_nan=False))
 
     _put_in_place(output.resolve(), fill, force)
 

@@ -32,7 +32,13 @@ from tlr_exp.records.metrics_file import (
     read_metrics,
     rewrite_until,
 )
-from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, sync_file
+from tlr_exp.records.storage import (
+    StorageError,
+    atomic_write,
+    json_bytes,
+    storage_errors,
+    sync_file,
+)
 
 MANIFEST, CONFIG, METRICS, LOCK = "manifest.json", "config.yaml", "metrics.jsonl", "run.lock"
 MOTION = "motion.npz"
@@ -181,9 +187,7 @@ class RunDirectory:
         self._write_manifest({**self.manifest, **process, **extra, "status": status})
 
     def _write_manifest(self, manifest: dict[str, Any]) -> None:
-        text = json.dumps({**manifest, "updated_at": utc_now()}, indent=2, ensure_ascii=False)
-        # A path may hold bytes that are no text; their escapes are JSON's own.
-        atomic_write(self.path / MANIFEST, (text + "\n").encode("utf-8", "backslashreplace"))
+        atomic_write(self.path / MANIFEST, json_bytes({**manifest, "updated_at": utc_now()}))
 
     # --- one process at a time ---------------------------------------------------------------
     @contextmanager

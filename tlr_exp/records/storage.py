@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 _TAIL_BYTES = 1 << 16  # step in which the end of a file is searched for its last line break
 
@@ -63,6 +65,15 @@ def atomic_write(path: Path, data: bytes | memoryview) -> None:
                 temporary.unlink(missing_ok=True)
             raise
         sync_folder(path.parent)
+
+
+def json_bytes(record: Mapping[str, Any], allow_nan: bool = True) -> bytes:
+    """A record as indented JSON in UTF-8.
+
+    A path may hold bytes that are no text; they are written as JSON's own escapes.
+    """
+    text = json.dumps(record, indent=2, ensure_ascii=False, allow_nan=allow_nan)
+    return f"{text}\n".encode("utf-8", "backslashreplace")
 
 
 def sync_folder(folder: Path) -> None:

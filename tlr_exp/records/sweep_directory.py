@@ -24,7 +24,7 @@ from typing import Any
 
 from tlr_exp.records.locks import ELSEWHERE, hold, is_held
 from tlr_exp.records.run_directory import INTERRUPTED, RUNNING, STATUSES, utc_now
-from tlr_exp.records.storage import atomic_write, storage_errors
+from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors
 
 SWEEPS, SWEEP, JOBS, SWEEP_LOCK = "sweeps", "sweep.json", "jobs", "sweep.lock"
 REPORT, FIGURES = "report", "figures"
@@ -296,9 +296,4 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _write(path: Path, record: Mapping[str, Any]) -> None:
-    atomic_write(
-        path,
-        (json.dumps(record, indent=2, ensure_ascii=False) + "\n").encode(
-            "utf-8", "backslashreplace"
-        ),
-    )
+    atomic_write(path, json_bytes(record))
