@@ -21,14 +21,14 @@ def result(survival: float, latency_ms: float | None) -> EvaluationResult:
 
 
 def test_mean_and_spread_by_hand():
-    each = [Start(0, 0.0, result(1.0, None)), Start(10, 0.25, result(0.5, 30.0))]
+    each = [Start(0, 0.0, result(1.0, None)), Start(10, 0.25, result(0.5, -30.0))]
     summed = summary(each)
     # Sample standard deviation of 1 and 0.5: sqrt(2 * 0.25^2 / (2 - 1)).
     expected = {"mean": 0.75, "std": math.sqrt(0.125), "min": 0.5, "max": 1.0}
     assert summed["survival"] == pytest.approx(expected)
-    assert summed["latency_ms"] == {"mean": 30.0, "std": 0.0, "min": 30.0, "max": 30.0}
+    assert summed["latency_ms"] == {"mean": -30.0, "std": 0.0, "min": -30.0, "max": -30.0}
     assert summary(each[:1])["latency_ms"] is None
-    survival = next(c for c in starts_table(each, "").columns if "survival" in str(c.header))
+    survival = next(c for c in starts_table(each, "").columns if "vival" in str(c.header))
     assert list(survival.cells) == ["100.0", "50.0", "75.0", "35.4", "50.0", "100.0"]
     with (console := Console(width=80)).capture() as shown:
         console.print(starts_table(each, ""))

@@ -183,7 +183,7 @@ def test_the_means_of_an_arm_are_over_runs_of_means_over_roll_outs():
     assert cells["runs"] == ["1", "2"]
     # 1 and 2 of 2: mean 1.5, sample standard deviation sqrt(0.5); 75 and 100 %: 12.5 * sqrt(2).
     assert cells["succeed of 2"] == ["0.0", f"1.5\n± {math.sqrt(0.5):.1f}"]
-    assert cells["survival %"] == ["25.0", f"87.5\n± {12.5 * math.sqrt(2):.1f}"]
+    assert cells["sur- vival %"] == ["25.0", f"87.5\n± {12.5 * math.sqrt(2):.1f}"]
     assert cells["lag ms"] == ["-", "20.0"]
     with (console := Console(width=100)).capture() as shown:
         console.print(table)

@@ -25,7 +25,7 @@ class Measure:
 
 
 MEASURES = {
-    "survival": Measure("survival\n%", 100.0, 1),
+    "survival": Measure("sur-\nvival %", 100.0, 1),
     "upright": Measure("upright\n%", 100.0, 1),
     "upper_body_error_m": Measure("upper\nbody m"),
     "lower_body_error_m": Measure("lower\nbody m"),
