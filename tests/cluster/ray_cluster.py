@@ -13,8 +13,6 @@ from typing import Any
 @contextmanager
 def two_raylets() -> Iterator[Any]:
     """Ray's own cluster for tests; all of its processes have ended outside."""
-    # Its own limits are for idle machines.
-    os.environ["RAY_raylet_start_wait_time_s"] = "1800"  # noqa: SIM112 (so Ray spells it)
     from ray.cluster_utils import Cluster
 
     size = {"num_cpus": 1, "object_store_memory": 80 * 1024 * 1024}
