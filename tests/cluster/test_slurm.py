@@ -108,7 +108,10 @@ def test_what_becomes_of_jobs_in_the_queue_is_said(slurm, sweeper):
     os.killpg(process.pid, signal.SIGTERM)
     status, output = sweeper.end(process)
     assert status == 130, output
-    assert sweeper.statuses == ["waiting", "cancelled", "waiting"]
+    # What ran on the lost node may have written last that it was interrupted; it is queued.
+    first, *others = sweeper.statuses
+    assert first in ("waiting", "interrupted")
+    assert others == ["cancelled", "waiting"]
     assert "broke down" not in output
 
 

@@ -173,6 +173,7 @@ def largest_node(partition: str | None) -> Needs | None:
     rows = [line.split() for line in text.splitlines() if len(line.split()) == 3]
     default = [row for row in rows if row[0].endswith("*")]
     sizes = [(int(row[1].rstrip("+")), int(row[2].rstrip("+"))) for row in default or rows]
+    sizes = [size for size in sizes if min(size) > 0]  # a partition without nodes has zeros
     if not sizes:
         return None
     return Needs(max(cpus for cpus, _ in sizes), max(mem for _, mem in sizes))
