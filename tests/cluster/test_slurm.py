@@ -131,9 +131,9 @@ def test_a_queue_that_is_left_is_named_and_watched_by_the_same_command(slurm, sw
     assert list(queued.values()) == ["PENDING"] * 6
     # A person who does as told; and one who gives the command again.
     slurm.ask("scancel", f"{second}_[0-1]")
-    slurm.ask("scontrol", "update", "PartitionName=main", "State=UP")
     again = sweeper.start(*six)
     wait_for(lambda: "4 of the jobs are in the queue already" in sweeper.output, again)
+    slurm.ask("scontrol", "update", "PartitionName=main", "State=UP")
     status, output = sweeper.end(again)
     assert status == 0, output
     assert sweeper.lines() == [2] * 6
