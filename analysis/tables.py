@@ -91,7 +91,8 @@ def from_tables(folder: str | Path) -> Study:
     if RUN not in runs.columns:
         raise StudyError(f"{folder / RUNS}: the column {RUN} is missing")
     starts, said = _starts(folder, manifest["sha256"], runs[RUN].tolist())
-    notes = dict.fromkeys([*map(str, manifest.get("notes") or []), *said])
+    notes = [str(note) for note in manifest.get("notes") or []]
+    notes += [note for note in said if note not in notes]
     baseline = str(manifest.get("baseline") or "")
     try:
         return Study(runs.set_index(RUN), curves, baseline, tuple(notes), starts)

@@ -88,6 +88,7 @@ def assert_nowhere(folder: Path, *texts: str | bytes) -> None:
 
 def test_a_password_in_the_uri_opens_the_server_and_is_written_nowhere(tmp_path, capfd):
     run = small_run(tmp_path / "runs" / "a", 3, experiment="guarded")
+    (tmp_path / "server").mkdir()
     with (
         server(tmp_path / "server", free_port()) as behind,
         guarded(behind) as (address, received),

@@ -37,7 +37,7 @@ def test_what_only_an_optimizer_refuses_is_a_mistake_of_the_configuration(
 
 def test_a_package_that_is_missing_is_told_before_a_run_is_made(settings_of, monkeypatch):
     monkeypatch.setitem(sys.modules, "mealpy", None)
-    with pytest.raises(ConfigError, match=r"pip install 'tlr_exp\[mealpy\]'"):
+    with pytest.raises(ConfigError, match=r"pip install -e '\.\[mealpy\]'"):
         check_lower_layer(settings_of("optimizer=mealpy"))
 
 

@@ -69,7 +69,7 @@ def test_parameters_that_the_class_would_ignore_are_refused() -> None:
 
 def test_without_the_package_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mealpy", None)
-    with pytest.raises(ValueError, match=r"pip install 'tlr_exp\[mealpy\]'"):
+    with pytest.raises(ValueError, match=r"pip install -e '\.\[mealpy\]'"):
         make("OriginalPSO")
 
 

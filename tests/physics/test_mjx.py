@@ -159,7 +159,7 @@ def test_impossible_arguments_are_refused(robot, arguments: dict, message: str) 
 
 def test_missing_warp_names_the_extra_to_install(robot, monkeypatch) -> None:
     monkeypatch.setattr(mjx_physics.mjx_warp, "WARP_INSTALLED", False)
-    with pytest.raises(ValueError, match=r"warp-lang: pip install 'tlr_exp\[gpu\]'"):
+    with pytest.raises(ValueError, match=r"warp-lang: pip install -e '\.\[gpu\]'"):
         MjxPhysics(robot, 1, impl="warp")
 
 

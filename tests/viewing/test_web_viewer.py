@@ -50,7 +50,7 @@ class Hand:
 
 def test_what_is_missing_is_named(monkeypatch, recording, drawn_robot):
     monkeypatch.setattr(web, "find_spec", lambda name: None if name == "viser" else object())
-    with pytest.raises(ViewerUnavailable, match=r"needs viser: pip install 'tlr_exp\[web\]'"):
+    with pytest.raises(ViewerUnavailable, match=r"needs viser: pip install -e '\.\[web\]'"):
         web.serve(recording, drawn_robot, 0)
 
 
