@@ -58,7 +58,9 @@ def rollouts(study: Study, with_terms: bool = False) -> Rollouts | None:
     terms = lower_layer(study)
     starts = study.starts
     columns = [REWARD_TERM_PREFIX + name for name in terms]
-    if len(starts) and (not with_terms or set(columns) <= set(starts.columns)):
+    # A table that lacks runs compares no arms.
+    complete = len(starts) > 0 and set(study.runs.index) <= set(starts[RUN])
+    if complete and (not with_terms or set(columns) <= set(starts.columns)):
         frame = pd.DataFrame(starts.groupby(RUN, sort=False)[measures_in(starts)].mean())
         if "survival" in starts.columns:
             frame[SUCCESS] = starts["survival"].eq(1.0).groupby(starts[RUN]).mean()

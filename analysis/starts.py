@@ -145,6 +145,10 @@ def _notes(starts: pd.DataFrame, runs: Sequence[str]) -> Iterator[str]:
     lacking = [run for run in runs if run not in set(starts[RUN])]
     if lacking:
         yield f"without roll-outs from start phases: {', '.join(lacking)}"
+    iterations = sorted(set(starts[ITERATION])) if ITERATION in starts.columns else []
+    if len(iterations) > 1:
+        listed = ", ".join(f"{each:g}" for each in iterations)
+        yield f"the roll-outs are of checkpoints of different iterations: {listed}"
     phases = {run: tuple(rows[PHASE]) for run, rows in starts.groupby(RUN, sort=False)}
     counts = sorted({len(each) for each in phases.values()})
     if len(set(phases.values())) > 1:

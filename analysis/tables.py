@@ -67,6 +67,8 @@ def write_tables(
         if occupied:
             for name in (*tables, MANIFEST):
                 os.replace(beside / name, folder / name)
+            if STARTS not in tables:  # those of an earlier export are of other runs
+                (folder / STARTS).unlink(missing_ok=True)
         else:
             os.replace(beside, folder)
     except OSError as error:

@@ -52,7 +52,7 @@ def _in_training(evidence: Evidence, judged: Judged) -> str:
     if judged:
         theirs = " (the paper: " + " and ".join(f"{v} %" for v in PAPER_IMPROVEMENT.values())
         theirs += " smaller)"
-    verdict = _together([*intervals.values()])
+    verdict = together([*intervals.values()])
     return f"In training, {treatment} tracks {verdict} {baseline}: {told}{theirs}."
 
 
@@ -69,7 +69,7 @@ def change_text(improvement: Interval) -> str:
     return f"{text} [{low:.1f},{NBSP}{high:.1f}]"
 
 
-def _together(intervals: Sequence[Interval]) -> str:
+def together(intervals: Sequence[Interval]) -> str:
     """In words, what the intervals of several errors say together, before the baseline's name."""
     if any(math.isnan(each.low) for each in intervals):
         return "in a way that so few seeds cannot hold against"
@@ -79,7 +79,10 @@ def _together(intervals: Sequence[Interval]) -> str:
         return "worse than"
     if all(each.low <= 0 <= each.high for each in intervals):
         return "in a way that these seeds do not tell from"
-    return "better in one body and not in the other than"
+    if any(each.low > 0 for each in intervals):
+        harm = any(each.high < 0 for each in intervals)
+        return f"better in one body and {'worse' if harm else 'no worse'} in the other than"
+    return "worse in one body and no better in the other than"
 
 
 def _without_noise(evidence: Evidence) -> str:

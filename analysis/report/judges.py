@@ -104,9 +104,11 @@ def tracks_better_at_first(metric: str) -> Callable[[Evidence], Finding]:
 def less_latency(evidence: Evidence) -> Finding:
     """Delay behind the reference, by cross-correlation of the joints, without noise."""
     found, arms = evidence.rollouts, (evidence.baseline, evidence.treatment)
-    known = [] if found is None else [found.of_arm(evidence.study, LATENCY, arm) for arm in arms]
-    if found is None or any(len(each) == 0 for each in known):
-        return Finding("not measured", Verdict.CANNOT_SAY, "no latency is known without noise")
+    if found is None or not found.has(evidence.study, LATENCY, *arms):
+        return Finding(
+            "not measured of all runs", Verdict.CANNOT_SAY, "no latency is known without noise"
+        )
+    known = [found.of_arm(evidence.study, LATENCY, arm) for arm in arms]
     static, two_layered = (each.to_numpy() for each in known)
     interval = evidence.difference(two_layered, static)
     ours = (

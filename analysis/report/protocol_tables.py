@@ -55,8 +55,9 @@ def units_table(evidence: Evidence) -> Table:
         for metric, (first, second) in curves.items()
     }
     for upper, lower in zip(*found.values(), strict=True):
-        each = length // upper.count
-        name = "iterations" if each == 1 else f"stretches of {each} iterations"
+        alone = upper.count == length
+        each = f"{length / upper.count:.3g}"
+        name = "iterations" if alone else f"stretches of about {each} iterations"
         rows.append(_units_row(name, upper.count, p_text(upper.test), p_text(lower.test)))
     header = (
         *("pairs", "how many"),

@@ -75,8 +75,9 @@ def area_table(evidence: Evidence) -> Table | None:
     note = (
         "The area that lies behind the runs in the plane of mean tracking error and lower-layer "
         "cost (hypervolume), as a share of the box from the best of each to a tenth of the range "
-        "beyond the worst; larger is better. p: permutation of the seeds between the arms. An arm "
-        "that tracks better only because nothing else was asked of it gains no area by that."
+        "beyond the worst; larger is better. p: permutation of the seeds between the arms, not "
+        "adjusted. Area does not say what is worth more: an arm that tracks better at a higher "
+        "cost can gain or lose it; see both axes."
     )
     title = f"Tracking and lower layer together: {against(evidence)}"
     return Table(title, ("area", *evidence.labels, "difference", "p"), rows, note)

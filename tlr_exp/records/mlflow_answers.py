@@ -20,6 +20,7 @@ _SHOWN = 80  # characters of its first line
 _BUSY = {408, 425, 429}
 
 USER_VARIABLE, PASSWORD_VARIABLE = "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"
+TOKEN_VARIABLE = "MLFLOW_TRACKING_TOKEN"
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ def _ask(uri: str) -> tuple[int, bytes]:
     request = urllib.request.Request(address.rstrip("/") + QUESTION)
     if user:
         token = b64encode(f"{user}:{password}".encode()).decode()
-        request.add_header("Authorization", f"Basic {token}")
+        request.add_unredirected_header("Authorization", f"Basic {token}")
+    elif token := os.environ.get(TOKEN_VARIABLE):
+        request.add_unredirected_header("Authorization", f"Bearer {token}")
     timeout_s = float(os.environ.get("MLFLOW_HTTP_REQUEST_TIMEOUT", "10"))
     try:
         with urllib.request.urlopen(request, timeout=timeout_s) as answer:

@@ -11,7 +11,7 @@ import pytest
 from studies import make_study, with_starts
 
 from analysis.report import command
-from analysis.report.answer import change_text, support
+from analysis.report.answer import change_text, support, together
 from analysis.report.content import Report, gather
 from analysis.report.pages import ReportExistsError, write_report
 from analysis.statistics.results import Interval
@@ -200,6 +200,29 @@ def test_an_improvement_is_said_as_larger_or_smaller() -> None:
     assert change_text(unsure) == "3.0\u00a0% smaller [-1.0,\u00a07.0]"
     alone = Interval(0.03, float("nan"), float("nan"), 0.95, "Fieller", "one seed")
     assert change_text(alone) == "3.0\u00a0% smaller"
+
+
+BETTER = Interval(0.2, 0.1, 0.3, 0.95, "Fieller")
+WORSE = Interval(-0.2, -0.3, -0.1, 0.95, "Fieller")
+OPEN = Interval(0.0, -0.1, 0.1, 0.95, "Fieller")
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower", "said"),
+    [
+        (BETTER, BETTER, "better than"),
+        (WORSE, WORSE, "worse than"),
+        (OPEN, OPEN, "in a way that these seeds do not tell from"),
+        (BETTER, OPEN, "better in one body and no worse in the other than"),
+        (OPEN, BETTER, "better in one body and no worse in the other than"),
+        (BETTER, WORSE, "better in one body and worse in the other than"),
+        (WORSE, BETTER, "better in one body and worse in the other than"),
+        (WORSE, OPEN, "worse in one body and no better in the other than"),
+        (OPEN, WORSE, "worse in one body and no better in the other than"),
+    ],
+)
+def test_two_errors_together_are_called_what_they_are(upper, lower, said):
+    assert together([upper, lower]) == said
 
 
 def test_a_study_without_a_static_arm_is_not_held_against_the_paper() -> None:

@@ -30,8 +30,27 @@ def config(num_envs: int = 256, device: str = "cpu", engine: str = "native", **t
 
 
 @pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (
+            "hydra.launcher.signal_delay_s=20",
+            "signal_delay_s=20: must be a whole number, 21 or more",
+        ),
+        (
+            "hydra.launcher.setup='module load cuda'",
+            "setup='module load cuda': must be a list of lines",
+        ),
+    ],
+)
+def test_what_would_cost_a_checkpoint_or_a_module_is_refused(read, asked, words):
+    with pytest.raises(LauncherError) as refused:
+        read(asked)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
     ("minutes", "delay"),
-    [(1, 120), (1, 1), (2, 61), (3, 121)],
+    [(1, 120), (1, 21), (2, 61), (3, 121)],
 )
 def test_limits_that_leave_no_time_are_refused_with_the_numbers(read, minutes, delay):
     asked = (f"hydra.launcher.timeout_min={minutes}", f"hydra.launcher.signal_delay_s={delay}")

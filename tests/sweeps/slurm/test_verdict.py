@@ -36,8 +36,27 @@ def test_what_is_queued_again_waits(record):
     assert seen(record=record, run=record, live=True, element=PENDING) is None
 
 
-@pytest.mark.parametrize("record", ["waiting", "running", "interrupted", "failed"])
-@pytest.mark.parametrize("element", [GONE, Element("CANCELLED")])
+@pytest.mark.parametrize("record", ["interrupted", "failed"])
+def test_what_told_of_its_end_before_it_was_forgotten_keeps_its_word(record):
+    found = seen(record=record, run=record, element=GONE)
+    assert (found.status, found.error, found.ended) == (record, KEEP, True)
+
+
+def test_what_was_left_to_others_waits():
+    found = seen(record="waiting", run=None, element=Element("COMPLETED"))
+    assert (found.status, found.error, found.ended) == ("waiting", None, True)
+
+
+@pytest.mark.parametrize(
+    ("record", "element"),
+    [
+        *((record, GONE) for record in ("waiting", "running")),
+        *(
+            (record, Element("CANCELLED"))
+            for record in ("waiting", "running", "interrupted", "failed")
+        ),
+    ],
+)
 def test_what_was_taken_out_is_cancelled(record, element):
     found = seen(record=record, run=None if record == "waiting" else record, element=element)
     assert (found.status, found.ended) == ("cancelled", True)

@@ -22,11 +22,11 @@ _PASSING = re.compile(
 _WIDTHS = {"JobArrayID": 40, "State": 24, "RestartCnt": 12, "Comment": 120, "Reason": 200}
 _DEFAULT_ARRAY_SIZE = 1001  # SLURM's own
 
-PENDING, CANCELLED = "PENDING", "CANCELLED"
+PENDING, COMPLETED, CANCELLED = "PENDING", "COMPLETED", "CANCELLED"
 # Of a job that will not run any more.
 ENDED = frozenset(
     {
-        *("BOOT_FAIL", CANCELLED, "COMPLETED", "DEADLINE", "FAILED", "NODE_FAIL"),
+        *("BOOT_FAIL", CANCELLED, COMPLETED, "DEADLINE", "FAILED", "NODE_FAIL"),
         *("OUT_OF_MEMORY", "PREEMPTED", "REVOKED", "TIMEOUT"),
     }
 )
@@ -188,7 +188,12 @@ def _ask(command: Sequence[str]) -> str:
     name = command[0]
     try:
         done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=ANSWER_S
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",  # of jobs with comments of their own
+            timeout=ANSWER_S,
         )
     except FileNotFoundError:
         raise RefusedError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,9 @@ class SlurmLauncher:
         # Asked for a node that is too small SLURM lets a job wait for ever.
         node = largest_node(self.settings.partition)
         self.needs: Needs = needs(self.settings, [job.spec.config for job in plan.jobs], node)
-        self.comment = f"tlr_exp {plan.study} {plan.name}-{plan.sweep_id}"
+        # In ASCII: squeue cuts its columns by bytes.
+        comment = f"tlr_exp {plan.study} {plan.name}-{plan.sweep_id}"
+        self.comment = comment.encode("ascii", "replace").decode()
         self.remarks: dict[int, Remark] = {}
         self._queue: dict[str, Element] = {}
         self._absent: dict[int, int] = {}
@@ -84,7 +87,7 @@ class SlurmLauncher:
     def left_in_the_queue(self) -> str:
         """Of this sweep, at the last look."""
         elements = read_elements(self.sweep.path).values()
-        waiting = [one for one in elements if one in self._queue and self._queue[one].is_pending]
+        waiting = [one for one in elements if one in self._queue and not self._queue[one].has_ended]
         return how_to_cancel(waiting) if waiting else ""
 
     # --- submitting --------------------------------------------------------------------------
@@ -111,7 +114,8 @@ class SlurmLauncher:
         try:
             return submit(script, asked)
         except RefusedError as error:
-            self.held()  # of what was taken before
+            with suppress(UnreachableError):
+                self.held()  # of what was taken before
             raise RefusedError(f"{error}\n{self.left_in_the_queue()}".strip()) from error
 
     # --- waiting -----------------------------------------------------------------------------

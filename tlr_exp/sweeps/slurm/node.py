@@ -26,11 +26,11 @@ from tlr_exp.records.sweep_directory import JOBS, WAITING, SweepDirectory
 from tlr_exp.running import EXIT_FAILED, EXIT_INTERRUPTED
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.slurm.commands import requeue
+from tlr_exp.sweeps.slurm.settings import RESERVE_S
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 from tlr_exp.sweeps.task import ELSEWHERE, close_record, conclude, one_line, start_job
 
 WARNING = signal.SIGUSR2
-RESERVE_S = 20.0  # before its end an element is queued again, whether its job has ended or not
 
 
 class Attempts:
@@ -131,7 +131,9 @@ def _work(sweep: SweepDirectory, num: int, options: argparse.Namespace, signals:
     if signals.warned_at is not None and not signals.terminated and not stop_requested(sweep.path):
         return _go_on_later(sweep, num, attempts, options, process)
     if signals.any and returned in (EXIT_INTERRUPTED, -signal.SIGINT):
-        conclude(sweep, num, INTERRUPTED, "ended by SLURM (SIGTERM)")
+        conclude(
+            sweep, num, INTERRUPTED, "ended by SLURM (SIGTERM)" if signals.terminated else None
+        )
         return _exit_status(sweep, num)
     close_record(sweep, num, process.wait())
     return _exit_status(sweep, num)
@@ -152,7 +154,8 @@ def _wait(
             return process.wait(POLL_S)
         if stop_requested(sweep) == KILL:
             process.kill()
-        elif signals.any and not told:
+        # A stopped sweep tells its jobs itself, and a second interrupt would cost the checkpoint.
+        elif signals.any and not told and stop_requested(sweep) is None:
             told = True
             process.send_signal(signal.SIGINT)
         warned = signals.warned_at

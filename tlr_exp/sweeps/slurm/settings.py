@@ -10,6 +10,9 @@ from tlr_exp.sweeps.parallel import LauncherError
 
 # SLURM looks at time limits now and then, so a warning can come so much sooner than asked for.
 EARLIEST_S = 60
+# Before its end an element is queued again, whether its job has ended or not.
+RESERVE_S = 20
+LEAST_DELAY_S = RESERVE_S + 1
 # A training of the scale demo takes 1 GB; most of it is PyTorch, MuJoCo and a batch.
 BASE_MEM_GB, ENVS_PER_GB = 3, 512
 JAX_MEM_GB = 8  # on the host, to compile and to hold the model
@@ -61,13 +64,21 @@ class SlurmSettings:
         Raises:
             LauncherError: see there.
         """
-        for name, least in (("timeout_min", 1), ("max_num_timeout", 0), ("signal_delay_s", 1)):
+        for name, least in (
+            ("timeout_min", 1),
+            ("max_num_timeout", 0),
+            ("signal_delay_s", LEAST_DELAY_S),
+        ):
             _require_whole(name, getattr(self, name), least)
         for name in ("cpus_per_task", "array_parallelism"):
             if getattr(self, name) is not None:
                 _require_whole(name, getattr(self, name), 1)
         if self.mem_gb is not None and not _is_number(self.mem_gb, 0):
             raise LauncherError(f"{_PREFIX}.mem_gb={self.mem_gb}: must be more than 0, or null")
+        if isinstance(self.setup, str):
+            raise LauncherError(
+                f"{_PREFIX}.setup={self.setup!r}: must be a list of lines, such as ['{self.setup}']"
+            )
         self._leave_time_to_train()
 
     def _leave_time_to_train(self) -> None:

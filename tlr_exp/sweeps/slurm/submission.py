@@ -16,11 +16,6 @@ from tlr_exp.sweeps.spec import LAUNCHER_FOLDER
 LOG = "%A_%a.log"
 
 
-def element_log(sweep: Path, element: str) -> Path:
-    """Where an element prints."""
-    return sweep / LAUNCHER_FOLDER / f"{element}.log"
-
-
 def write_script(sweep: Path, base: int, settings: SlurmSettings) -> Path:
     """The batch script of the array whose index 0 stands for job ``base``.
 
@@ -66,7 +61,10 @@ def options(
         "account": settings.account,
         "qos": settings.qos,
         "constraint": settings.constraint,
-        **{key.replace("_", "-"): value for key, value in settings.additional_parameters.items()},
+        **{
+            key.replace("_", "-"): value
+            for key, value in (settings.additional_parameters or {}).items()
+        },
     }
     said = {key: value for key, value in given.items() if value is not None and value is not False}
     return [f"--{key}" if value is True else f"--{key}={value}" for key, value in said.items()]

@@ -74,9 +74,14 @@ def verdict(facts: Facts) -> Verdict | None:
 
 
 def _end(facts: Facts) -> tuple[str, str | None]:
+    # What the controller has forgotten by now had told of its end by itself.
+    if facts.element is None and facts.record in (FAILED, INTERRUPTED):
+        return facts.record, KEEP
     state = commands.CANCELLED if facts.element is None else facts.element.state
     if state == commands.CANCELLED:
         return CANCELLED, "cancelled in SLURM's queue (scancel, or by an administrator)"
+    if state == commands.COMPLETED and facts.record == WAITING:
+        return WAITING, None  # it left the job to another process, or the sweep was stopped
     if facts.record == FAILED:
         return FAILED, KEEP
     if state in _WORDS:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
 
 _TIME = {"time", "t", "timestamp", "timestamps", "time_s", "sec", "seconds", "time_stamp"}
-_TIME |= {"time_ms", "timestamp_ms", "timestamp_s", "time_sec"}
+_TIME |= {"timestamp_s", "time_sec"}
 _FRAME = {"frame", "frames", "frame_id", "frame_idx", "frame_index", "frame_number", "frame_num"}
 _FRAME |= {"index", "idx", "id", "step", "unnamed_0", ""}
 _ROOT = r"(?:(?:root|base|pelvis|robot|body|floating_base|free|global|world)_)*"
