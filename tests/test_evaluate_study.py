@@ -185,7 +185,7 @@ def test_the_means_of_an_arm_are_over_runs_of_means_over_roll_outs():
     assert cells["succeed of 2"] == ["0.0", f"1.5\n± {math.sqrt(0.5):.1f}"]
     assert cells["sur- vival %"] == ["25.0", f"87.5\n± {12.5 * math.sqrt(2):.1f}"]
     assert cells["lag ms"] == ["-", "20.0"]
-    with (console := Console(width=100)).capture() as shown:
+    with (console := Console(width=80)).capture() as shown:
         console.print(table)
     assert "…" not in shown.get()
 

@@ -69,9 +69,10 @@ def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
     table = Table(
         title=f"{starts} roll-outs a run: mean ± standard deviation over runs",
         title_justify="left",
+        padding=0,  # or a terminal of eighty columns would cut the numbers
     )
     headings = [measure.heading for measure in SHOWN.values()]
-    table.add_column("motion, arm")
+    table.add_column("motion, arm", overflow="fold")
     for heading in ("runs", f"succeed\nof {starts}", *headings):
         table.add_column(heading, justify="right")
     for motion, arm in sorted({(run.motion, run.arm) for run in runs}):
