@@ -4,7 +4,7 @@ The trainer knows neither the environment nor which weight optimizer is in use; 
 surrounds an iteration (run directory, checkpoints, evaluation, display) is in ``tlr_exp.training``.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from time import perf_counter
@@ -64,8 +64,9 @@ class Trainer:
         self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         terms = batch["next", keys.REWARD_TERMS]
         returns = self.split.returns(terms)
+        mean_terms = _mean_terms(self.split.term_names, terms)
         with self._timed("weights"):
-            self.weight_optimizer.observe(self._progress(batch))
+            self.weight_optimizer.observe(self._progress(mean_terms, num_steps=batch.shape[1]))
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
@@ -74,27 +75,26 @@ class Trainer:
             diagnostics = self.ppo.update(batch, progress)
         with self._timed("landscape"):
             box_share = self.box_sample.optimal_share(*returns, found.objective)
-        return self._metrics(batch, found, box_share, diagnostics)
+        return self._metrics(batch, mean_terms, found, box_share, diagnostics)
 
-    def _progress(self, batch: TensorDictBase) -> TrainingProgress:
+    def _progress(self, mean_terms: Mapping[str, float], num_steps: int) -> TrainingProgress:
         """What a weight optimizer may know of the training besides the returns."""
-        means = _named("", self.split.term_names, _mean_terms(batch["next", keys.REWARD_TERMS]))
         return TrainingProgress(
             mean_episode_length=self.episodes.mean_length,
-            num_steps=batch.shape[1],
-            mean_terms={name: means[name] for name in self.split.optimizing_names},
-            goal_share=self.split.goal_share(means),
+            num_steps=num_steps,
+            mean_terms={name: mean_terms[name] for name in self.split.optimizing_names},
+            goal_share=self.split.goal_share(mean_terms),
         )
 
     def _metrics(
         self,
         batch: TensorDictBase,
+        mean_terms: Mapping[str, float],
         found: WeightUpdate,
         box_share: float,
         diagnostics: PpoDiagnostics,
     ) -> dict[str, float]:
         after = batch.to_dict()["next"]
-        mean_terms = _mean_terms(after[keys.REWARD_TERMS])
         flags = (keys.TERMINATED, keys.TRUNCATED, keys.FELL, keys.UNSTABLE)
         endings = ending_shares(*(after[flag] for flag in flags))
         return {
@@ -110,7 +110,7 @@ class Trainer:
             keys.OPTIMAL_SHARE: found.optimal_share,
             keys.BOX_OPTIMAL_SHARE: box_share,
             keys.STEP_REWARD: after[keys.REWARD].mean().item(),
-            **_named(keys.REWARD_TERM_PREFIX, self.split.term_names, mean_terms),
+            **{keys.REWARD_TERM_PREFIX + name: value for name, value in mean_terms.items()},
             **_named(keys.WEIGHT_PREFIX, self.split.optimizing_names, found.weights),
             **{keys.PPO_PREFIX + name: value for name, value in asdict(diagnostics).items()},
             **{f"{keys.TIME_PREFIX}{name}_s": value for name, value in self.seconds.items()},
@@ -138,8 +138,9 @@ class Trainer:
         self.env_steps = state["env_steps"]
 
 
-def _mean_terms(reward_terms: Tensor) -> Tensor:
-    return reward_terms.flatten(0, 1).mean(dim=0)
+def _mean_terms(names: tuple[str, ...], reward_terms: Tensor) -> dict[str, float]:
+    """Mean raw value of each term over the batch."""
+    return _named("", names, reward_terms.flatten(0, 1).mean(dim=0))
 
 
 def _named(prefix: str, names: tuple[str, ...], values: Tensor) -> dict[str, float]:
