@@ -222,6 +222,21 @@ def take_names(content: Mapping[str, Any], key: str) -> tuple[str, ...]:
     return tuple(str(name) for name in names)
 
 
+def take_named_bodies(
+    content: Mapping[str, Any], key: str, names_key: str, frames: int
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Positions of bodies [frames, bodies, 3] under ``key``, and their names under ``names_key``.
+
+    Raises:
+        MotionFileError: see ``take`` and ``take_names``; or not one name for each body.
+    """
+    names = take_names(content, names_key)
+    position = take(content, key, None, 3, frames=frames)
+    if position.shape[1] != len(names):
+        raise MotionFileError(f"{key} has {position.shape[1]} bodies, {names_key} {len(names)}")
+    return position, names
+
+
 def listed(names: Any) -> str:
     """The first few names, for a message."""
     names = [str(name)[:60] for name in names]

@@ -6,11 +6,10 @@ from typing import Any
 from tlr_exp.motion.importers.raw import (
     Conventions,
     FileBodies,
-    MotionFileError,
     Options,
     Recorded,
     take,
-    take_names,
+    take_named_bodies,
     take_rate,
 )
 
@@ -33,10 +32,6 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
 def _bodies(content: Mapping[str, Any], frames: int) -> FileBodies | None:
     if content.get("local_body_pos") is None or content.get("link_body_list") is None:
         return None
-    names = take_names(content, "link_body_list")
-    local = take(content, "local_body_pos", None, 3, frames=frames)
-    if local.shape[1] != len(names):
-        raise MotionFileError(
-            f"local_body_pos has {local.shape[1]} bodies, link_body_list {len(names)}"
-        )
-    return FileBodies(local, names, local=True)
+    return FileBodies(
+        *take_named_bodies(content, "local_body_pos", "link_body_list", frames), local=True
+    )
