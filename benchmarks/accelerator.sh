@@ -57,7 +57,7 @@ fi
 echo "== training at the paper's scale, optimizer=gwo, for $limit s"
 # shellcheck disable=SC2086  # several overrides
 timeout --foreground --signal=INT --kill-after=$((spare * 3 / 4 + 1)) "$limit" \
-  "$python" -m tlr_exp.train scale=paper optimizer=gwo physics=mjx device="$device" \
+  "$python" -m tlr_exp.commands.train scale=paper optimizer=gwo physics=mjx device="$device" \
   resume=auto study=paper-scale runs_dir="$out/runs" tracking_uri=none scale.checkpoint_every=5 ${TRAIN:-}
 status=$?
 # 124 and 130: stopped at its time with a checkpoint, as intended.

@@ -137,8 +137,8 @@ def measure(overrides: list[str], num_envs: int, device: str) -> dict:
     import torch
     from hydra import compose, initialize_config_module
 
-    from tlr_exp.assembly import build_clip, build_env, build_robot_of
-    from tlr_exp.config import load_settings
+    from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+    from tlr_exp.config.load import load_settings
 
     overrides = [*overrides, f"scale.num_envs={num_envs}", f"device={device}"]
     with initialize_config_module("tlr_exp.conf", version_base="1.3"):

@@ -16,9 +16,9 @@ from torch import Tensor
 
 from analysis.figures import style
 from benchmarks.optimizers.record_landscapes import ITERATIONS, PATH
-from tlr_exp.landscape import BoxSample
-from tlr_exp.objective import RankDeviation
-from tlr_exp.optimizers.gwo import GreyWolfOptimizer
+from tlr_exp.optimizer.gwo import GreyWolfOptimizer
+from tlr_exp.reward.box_sample import BoxSample
+from tlr_exp.reward.objectives import RankDeviation
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SCALES = 10.0 ** np.arange(-3.0, 1.01, 0.125)  # of all penalties

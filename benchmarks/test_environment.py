@@ -9,10 +9,11 @@ from hydra import compose, initialize_config_module
 from tensordict.nn import TensorDictModule
 
 from tlr_exp import keys
-from tlr_exp.assembly import build_clip, build_collect, build_env, build_robot_of
-from tlr_exp.config import load_settings
-from tlr_exp.g1 import DECIMATION, NUM_JOINTS
+from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+from tlr_exp.config.load import load_settings
 from tlr_exp.physics.native import NativePhysics
+from tlr_exp.robot.g1 import DECIMATION, NUM_JOINTS
+from tlr_exp.training.build import build_collect
 
 NUM_STEPS = 24
 ROUNDS = 10

@@ -9,9 +9,9 @@ import pytest
 import torch
 from mujoco.batch import Batch
 
-from tlr_exp.g1 import DECIMATION
 from tlr_exp.physics.native import NativePhysics
-from tlr_exp.robot import build_robot
+from tlr_exp.robot.g1 import DECIMATION
+from tlr_exp.robot.model import build_robot
 
 ROUNDS = 40
 WANTED_RATIO = 0.9

@@ -17,8 +17,8 @@ import torch
 from pytest_benchmark.fixture import BenchmarkFixture
 from torch import Tensor
 
-from tlr_exp.objective import Objective, RankDeviation
-from tlr_exp.optimizers.gwo import GreyWolfOptimizer
+from tlr_exp.optimizer.gwo import GreyWolfOptimizer
+from tlr_exp.reward.objectives import Objective, RankDeviation
 
 NUM_ENVS = 4096
 NUM_TERMS = 7

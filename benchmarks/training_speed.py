@@ -26,7 +26,7 @@ LAUNCH = """
 import sys
 import tlr_exp
 tlr_exp.__path__.append(sys.argv.pop(1))
-from tlr_exp.train import main
+from tlr_exp.commands.train import main
 main()
 """
 

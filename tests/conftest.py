@@ -17,18 +17,18 @@ from hydra import compose, initialize_config_module
 from learners import build_learner
 from tensordict.nn import TensorDictModule
 
-from tlr_exp import g1
-from tlr_exp.assembly import build_ppo
-from tlr_exp.config import load_settings
-from tlr_exp.env import TrackingEnv
+from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.config.load import load_settings
+from tlr_exp.config.settings import Settings
+from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.native import NativePhysics
-from tlr_exp.ppo import Ppo
+from tlr_exp.ppo.learner import Ppo
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.robot import Robot, build_robot
-from tlr_exp.settings import Settings
+from tlr_exp.robot import g1
+from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import native, web
 from tlr_exp.viewing.recording import Recording
 
@@ -162,7 +162,7 @@ def shown_recordings(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Recording, i
 @pytest.fixture(scope="session")
 def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An empty MLflow store, made once because that takes seconds; tests get copies."""
-    from tlr_exp.records.mlflow_store import open_client
+    from tlr_exp.mlflow_sync.store import open_client
 
     database = tmp_path_factory.mktemp("store") / "mlflow.db"
     open_client(f"sqlite:///{database}")

@@ -7,9 +7,9 @@ from torch import Tensor, nn
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from tlr_exp import keys
-from tlr_exp.networks import build_actor, build_critic
-from tlr_exp.ppo import Ppo
-from tlr_exp.settings import PpoSettings
+from tlr_exp.config.settings import PpoSettings
+from tlr_exp.ppo.learner import Ppo
+from tlr_exp.ppo.networks import build_actor, build_critic
 
 OBSERVATION_DIM, PRIVILEGED_DIM, ACTION_DIM = 4, 2, 3
 ONE_PASS = ("ppo.num_epochs=1", "ppo.num_minibatches=1")

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tlr_exp import g1
 from tlr_exp.evaluation.trajectory import Trajectory
+from tlr_exp.robot import g1
 
 DT = 0.02
 

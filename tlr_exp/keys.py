@@ -18,7 +18,7 @@ UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
 LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
 FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
-UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env.py)
+UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env/tracking.py)
 
 # --- reward terms ----------------------------------------------------------------------------
 # Upper layer, paper section 3.2: the four tracking terms.
@@ -45,7 +45,7 @@ TORQUE_LIMITS = "torque_limits"
 TORQUES = "torques"
 TERMINATION = "termination"
 
-# Each term and the constants it takes (tlr_exp/mdp/rewards.py says what they mean).
+# Each term and the constants it takes (tlr_exp/env/terms.py says what they mean).
 TERM_PARAMETERS: dict[str, tuple[str, ...]] = {
     BODY_POS: ("sigma",),
     BODY_ROT: ("sigma",),

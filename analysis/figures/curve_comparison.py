@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.improvement import compared_arms
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis
@@ -26,7 +27,6 @@ from analysis.figures.tracking import BODY_PANELS
 from analysis.statistics.autocorrelation import autocorrelation
 from analysis.statistics.curves import CurveComparison, compare_curves
 from analysis.statistics.paper import dependence
-from analysis.study import Study, pretty_arm
 
 DRAW_SEED = 0  # of the labelings drawn where there are too many to take all
 _SHOWN_LAGS = 0.5  # of the iterations; at larger lags too few pairs are left

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.style import TIMES
-from analysis.study import Study, pretty_arm
 
 
 class NotDrawnError(ValueError):

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.curve_comparison import DRAW_SEED
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.series import series_of
@@ -23,13 +24,12 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
-from analysis.quantities import quantity
+from analysis.measures.quantities import quantity
 from analysis.statistics.nulls import (
     EXTREME_P,
     FalsePositiveRates,
     false_positive_rates_of_curves,
 )
-from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
 SIMULATED = "simulated studies"

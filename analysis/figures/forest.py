@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from analysis.endpoints import final_value, tail_mean
+from analysis.data.study import Study
 from analysis.figures.curve_comparison import DRAW_SEED
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.improvement import compared_arms
@@ -21,10 +21,10 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
-from analysis.quantities import QUANTITIES, quantity
+from analysis.measures.endpoints import final_value, tail_mean
+from analysis.measures.quantities import QUANTITIES, quantity
 from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.results import Interval
-from analysis.study import Study
 from tlr_exp import keys
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis, label_at_right
 from analysis.figures.series import only_seeds, pair_of, shared_seeds
@@ -19,7 +20,6 @@ from analysis.figures.style import (
 )
 from analysis.figures.tracking import BODY_PANELS
 from analysis.statistics.paper import relative_improvement
-from analysis.study import Study, pretty_arm
 
 
 @styled

@@ -2,6 +2,7 @@
 
 from matplotlib.ticker import FuncFormatter, SymmetricalLogLocator
 
+from analysis.data.study import Study
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_arms
 from analysis.figures.series import all_series, column, with_metric
@@ -12,7 +13,6 @@ from analysis.figures.style import (
     panel_letter,
     styled,
 )
-from analysis.study import Study
 from tlr_exp import keys
 
 # Metric, title, axis label, factor from the metric to the axis, logarithmic above 1.

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_arms, plain_log_axis
 from analysis.figures.series import Series, all_series, column, with_metric
@@ -12,7 +13,6 @@ from analysis.figures.style import (
     panel_letter,
     styled,
 )
-from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
 WEIGHTS_S = f"{keys.TIME_PREFIX}weights_s"

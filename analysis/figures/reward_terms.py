@@ -3,9 +3,9 @@
 import json
 from dataclasses import dataclass
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import NotDrawnError
-from analysis.quantities import FORMULAS
-from analysis.study import Study, pretty_arm
+from analysis.measures.quantities import FORMULAS
 from tlr_exp import keys
 
 _SYMBOLS = {"margin": "ε", "sigma": "\N{GREEK SMALL LETTER SIGMA}"}

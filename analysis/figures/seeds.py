@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from analysis.endpoints import tail_mean
+from analysis.data.study import Study
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import arm_legend, draw_curve, iteration_axis
 from analysis.figures.series import all_series, last_iteration, only_seeds, series_of
@@ -17,8 +17,8 @@ from analysis.figures.style import (
     styled,
 )
 from analysis.figures.tracking import BODY_PANELS
-from analysis.quantities import TRAINING, quantity
-from analysis.study import Study
+from analysis.measures.endpoints import tail_mean
+from analysis.measures.quantities import TRAINING, quantity
 
 _MOST_COLUMNS = 5
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from analysis.data.study import RUN, Study
 from analysis.figures.drawing import NotDrawnError
 from analysis.statistics.paper import Band, seed_band
-from analysis.study import RUN, Study
 from tlr_exp import keys
 
 

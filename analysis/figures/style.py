@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from analysis.study import pretty_arm
+from analysis.data.study import pretty_arm
 
 PAPER_COLUMN_IN = 3.4  # width of one column of a paper, inches (86 mm)
 TWO_COLUMNS_IN = 7.0  # width of both columns, inches (178 mm)

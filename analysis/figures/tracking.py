@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
+from analysis.data.study import Study
 from analysis.figures.drawing import Drawing, caption_of
 from analysis.figures.lines import arm_legend, draw_arms
 from analysis.figures.series import all_series, one_run_of_each_arm
@@ -15,8 +16,7 @@ from analysis.figures.style import (
     panel_letter,
     styled,
 )
-from analysis.quantities import quantity
-from analysis.study import Study
+from analysis.measures.quantities import quantity
 from tlr_exp import keys
 
 BODY_PANELS = (

@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from scipy.spatial import ConvexHull, QhullError
 
+from analysis.data.study import Study, StudyError
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.style import (
     BLACK,
@@ -18,10 +19,9 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
-from analysis.quantities import COST, COST_OF_ROLL_OUT
+from analysis.measures.quantities import COST, COST_OF_ROLL_OUT
+from analysis.measures.tradeoff import tradeoff_of
 from analysis.statistics.pareto import MARGIN, on_front
-from analysis.study import Study, StudyError
-from analysis.tradeoff import tradeoff_of
 
 _CLOUD_ALPHA = 0.15
 FRONT = "Pareto front of all runs"

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from analysis.endpoints import tail_mean
+from analysis.data.study import Study
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import BAND_ALPHA, arm_legend
 from analysis.figures.series import series_of
@@ -17,10 +17,10 @@ from analysis.figures.style import (
     styled,
 )
 from analysis.figures.tracking import BODY_PANELS
-from analysis.quantities import quantity
+from analysis.measures.endpoints import tail_mean
+from analysis.measures.quantities import quantity
+from analysis.measures.swept import Sweep, sweep_of
 from analysis.statistics.intervals import mean_interval
-from analysis.study import Study
-from analysis.swept import Sweep, sweep_of
 from tlr_exp import keys
 
 PANELS = (*BODY_PANELS, (keys.EPISODE_LENGTH, "Episode length"))

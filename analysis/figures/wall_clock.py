@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.overhead import ITERATION_S
 from analysis.figures.series import column
@@ -23,7 +24,6 @@ from analysis.figures.style import (
     new_figure,
     styled,
 )
-from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
 _OTHER = "other"

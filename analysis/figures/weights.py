@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing, NotDrawnError, caption_of
 from analysis.figures.lines import iteration_axis, moving_average, shade
 from analysis.figures.series import Series, column, last_iteration, series_of
 from analysis.figures.style import TWO_COLUMNS_IN, ArmLook, arm_looks, darker, new_figure, styled
-from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
 _COLUMNS = 3  # of the panels of one arm

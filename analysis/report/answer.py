@@ -8,7 +8,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from analysis.quantities import COST, COST_OF_ROLL_OUT, quantity
+from analysis.data.settings import RECIPE, setting
+from analysis.data.study import Study, pretty_arm
+from analysis.measures.quantities import COST, COST_OF_ROLL_OUT, quantity
+from analysis.measures.rollouts import Rollouts
+from analysis.measures.tradeoff import BODIES as ERRORS
 from analysis.report.cells import NBSP, interval_text
 from analysis.report.claims import Claim
 from analysis.report.evidence import Evidence
@@ -16,12 +20,8 @@ from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
 from analysis.report.maturity import CLAIMED, moving_text, untracked_text
 from analysis.report.protocol_tables import BODIES
 from analysis.report.verdicts import Verdict
-from analysis.rollouts import Rollouts
-from analysis.settings import RECIPE, setting
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.results import Interval
-from analysis.study import Study, pretty_arm
-from analysis.tradeoff import BODIES as ERRORS
 from tlr_exp import keys
 
 # Per cent, five seeds, Figure 13.

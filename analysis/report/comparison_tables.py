@@ -6,8 +6,8 @@ from itertools import count
 
 import numpy as np
 
-from analysis.endpoints import iterations_to_reach, tail_mean
-from analysis.quantities import TRAINING, quantity
+from analysis.measures.endpoints import iterations_to_reach, tail_mean
+from analysis.measures.quantities import TRAINING, quantity
 from analysis.report.cells import (
     MISSING,
     NBSP,

@@ -12,6 +12,8 @@ from typing import Any
 
 from matplotlib.backends.backend_pdf import PdfPages
 
+from analysis.data.settings import RECIPE, setting
+from analysis.data.study import Study
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
@@ -23,9 +25,7 @@ from analysis.report.evidence import Evidence
 from analysis.report.latex import latex_table
 from analysis.report.repeat import one_command
 from analysis.report.sections import Found, Picture, Section, found_in
-from analysis.settings import RECIPE, setting
 from analysis.statistics.nulls import FalsePositiveRates
-from analysis.study import Study
 
 Progress = Callable[[str], None]
 

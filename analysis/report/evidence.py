@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
-from analysis.quantities import Quantity, quantity
-from analysis.rollouts import Rollouts, rollouts
+from analysis.data.study import BASELINE_METHOD, Study, StudyError, pretty_arm
+from analysis.measures.quantities import Quantity, quantity
+from analysis.measures.rollouts import Rollouts, rollouts
 from analysis.statistics.autocorrelation import autocorrelation
 from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.intervals import difference_interval, relative_improvement_interval
 from analysis.statistics.paper import PaperAnalysis, paper_analysis
 from analysis.statistics.results import Array, Interval
-from analysis.study import BASELINE_METHOD, Study, StudyError, pretty_arm
 from tlr_exp.keys import ITERATION
 
 PREFERRED_TREATMENT = "gwo"

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.endpoints import tail_mean
-from analysis.quantities import LATENCY
+from analysis.measures.endpoints import tail_mean
+from analysis.measures.quantities import LATENCY
 from analysis.report.cells import interval_text, p_text
 from analysis.report.evidence import Evidence
 from analysis.report.maturity import ALPHA, policies_track

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.endpoints import TAIL_SHARE, tail_mean
-from analysis.quantities import SUCCESS, quantity
+from analysis.measures.endpoints import TAIL_SHARE, tail_mean
+from analysis.measures.quantities import SUCCESS, quantity
 from analysis.report.cells import NBSP, interval_text, p_text
 from analysis.report.evidence import Evidence
 from analysis.statistics.slope import TailChange, tail_change

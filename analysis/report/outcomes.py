@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.endpoints import area_under_curve, final_value, tail_mean
-from analysis.quantities import (
+from analysis.measures.endpoints import area_under_curve, final_value, tail_mean
+from analysis.measures.quantities import (
     COST_OF_ROLL_OUT,
     EFFORT_OF_ROLL_OUT,
     TRACKING_OF_ROLL_OUT,
@@ -16,8 +16,8 @@ from analysis.quantities import (
     quantity,
     quantity_of_roll_out,
 )
+from analysis.measures.rollouts import Rollouts, lower_layer, same_phase
 from analysis.report.evidence import Evidence
-from analysis.rollouts import Rollouts, lower_layer, same_phase
 from analysis.statistics.comparison import Comparison
 from analysis.statistics.results import Array
 from tlr_exp import keys

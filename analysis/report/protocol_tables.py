@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from analysis.quantities import quantity
+from analysis.measures.quantities import quantity
 from analysis.report.cells import NBSP, Table, number, p_text, p_value_text
 from analysis.report.evidence import Evidence
 from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates

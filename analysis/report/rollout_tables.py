@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analysis.quantities import quantity_of_roll_out
+from analysis.data.study import StudyError
+from analysis.measures.quantities import quantity_of_roll_out
+from analysis.measures.tradeoff import tradeoff_of
 from analysis.report.cells import NBSP, Table, interval_text, number, p_text
 from analysis.report.evidence import SEED, Evidence
 from analysis.report.outcomes import Outcome
@@ -12,8 +14,6 @@ from analysis.report.protocol_tables import against
 from analysis.statistics.intervals import difference_interval
 from analysis.statistics.pareto import compare_areas
 from analysis.statistics.significance import permutation
-from analysis.study import StudyError
-from analysis.tradeoff import tradeoff_of
 
 
 def same_phase_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:

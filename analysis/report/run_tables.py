@@ -4,10 +4,10 @@ import json
 import math
 from collections.abc import Iterable
 
+from analysis.data.settings import flat
+from analysis.data.study import Study, pretty_arm
 from analysis.figures.reward_terms import table_1
 from analysis.report.cells import MISSING, Table, duration
-from analysis.settings import flat
-from analysis.study import Study, pretty_arm
 from tlr_exp import keys
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.data.study import Study
+from analysis.measures.swept import sweep_of
 from analysis.report import (
     comparison_tables,
     protocol_tables,
@@ -25,8 +27,6 @@ from analysis.report.outcomes import (
     tracking_outcomes,
 )
 from analysis.statistics.nulls import FalsePositiveRates, false_positive_rates
-from analysis.study import Study
-from analysis.swept import sweep_of
 from tlr_exp import keys
 
 SEEDS_TEXT = (

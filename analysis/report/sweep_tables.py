@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.quantities import TRAINING, quantity
+from analysis.data.study import Study, pretty_arm
+from analysis.measures.quantities import TRAINING, quantity
+from analysis.measures.swept import Sweep, end_of_training
 from analysis.report.cells import NBSP, Table, number, p_text
 from analysis.report.evidence import SEED, Evidence
 from analysis.report.outcomes import digits_of
 from analysis.statistics.trend import trend
-from analysis.study import Study, pretty_arm
-from analysis.swept import Sweep, end_of_training
 
 
 def metrics_of(study: Study) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal, stats
 
-from analysis.endpoints import TAIL_SHARE, tail_mean
+from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.statistics.results import EXACT_LABELINGS, Array, checked_curves, is_constant
 
 EXTREME_P = 1e-8  # what the paper reports is smaller

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from analysis.endpoints import TAIL_SHARE
+from analysis.measures.endpoints import TAIL_SHARE
 from analysis.statistics.intervals import mean_interval
 from analysis.statistics.results import (
     Array,

@@ -41,7 +41,7 @@ class Job:
         log = (self.folder / f"seed{self.seed}.log").open("ab")
         self.process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "tlr_exp.train", *self.variant.overrides),
+                *(sys.executable, "-m", "tlr_exp.commands.train", *self.variant.overrides),
                 *(f"seed={self.seed}", f"study={self.variant.name}", "resume=auto"),
                 f"runs_dir={self.runs_dir}",
             ],

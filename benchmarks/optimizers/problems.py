@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.objective import RankDeviation
+from tlr_exp.reward.objectives import RankDeviation
 
 LANDSCAPES = Path(__file__).with_name("landscapes.npz")
 DIMS = (6, 30, 100)

@@ -17,10 +17,12 @@ from hydra import compose, initialize_config_module
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.assembly import build_clip, build_env, build_ppo, build_robot_of, build_trainer
-from tlr_exp.config import CONFIG_PATH, load_settings
-from tlr_exp.optimizers.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
-from tlr_exp.settings import Settings
+from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.config.load import CONFIG_PATH, load_settings
+from tlr_exp.config.settings import Settings
+from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
+from tlr_exp.training.build import build_trainer
 
 PATH = Path(__file__).with_name("landscapes.npz")
 ITERATIONS = (1, 4, 16, 64)  # the policy learns fastest at first

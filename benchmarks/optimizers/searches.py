@@ -11,8 +11,8 @@ from scipy.optimize import differential_evolution
 from torch import Tensor, from_numpy
 
 from benchmarks.optimizers.problems import Problem
-from tlr_exp.config import CONFIG_PATH, instantiate
-from tlr_exp.objective import RankDeviation
+from tlr_exp.config.load import CONFIG_PATH, instantiate
+from tlr_exp.reward.objectives import RankDeviation
 
 PACK_SIZE, ITERATIONS = 30, 50
 BUDGET = PACK_SIZE * (ITERATIONS + 1)

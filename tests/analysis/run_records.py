@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from studies import make_study
 
-from analysis.check import checked
-from analysis.runs import RunRecord, records_of
-from analysis.study import StudyError
+from analysis.data.check import checked
+from analysis.data.runs import RunRecord, records_of
+from analysis.data.study import StudyError
 
 FIXED = "demo-fixed-seed"
 GWO = "demo-gwo-seed"

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
-from analysis.study import Study, rows_of
+from analysis.data.study import Study, rows_of
 from tlr_exp import keys
 
 Curve = Callable[[np.ndarray], np.ndarray]  # progress in training (0, 1] [T] -> expected value [T]
@@ -236,7 +236,7 @@ def config_of(arm: str, seed: int, iterations: int, scale: str = "demo") -> dict
     """A small resolved configuration; of "gwo, threshold_share=0.02" the key is set, too."""
     method, _, rest = arm.partition(", ")
     settings = dict(part.split("=") for part in rest.split(", ") if part)
-    optimizer = {"_target_": f"tlr_exp.optimizers.{method}.{method.title()}"}
+    optimizer = {"_target_": f"tlr_exp.optimizer.{method}.{method.title()}"}
     if method != "fixed":
         optimizer |= {"lower": 0.0, "upper": 1.0, "pack_size": int(settings.get("pack_size", 30))}
     share = float(settings.get("threshold_share", 0.1))

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tlr_exp import g1
 from tlr_exp.evaluation.distances import body_distance, heading, seen_from_the_pelvis, tilt
+from tlr_exp.robot import g1
 
 
 def quat(axis: tuple[float, float, float], angle_rad: float) -> np.ndarray:

@@ -10,12 +10,13 @@ import pytest
 from rich.console import Console
 from trajectories import still_trajectory
 
-from tlr_exp import g1, keys
-from tlr_exp.evaluate.result_table import result_table
+from tlr_exp import keys
+from tlr_exp.commands.evaluate.result_table import result_table
 from tlr_exp.evaluation.measures import MEASURES
 from tlr_exp.evaluation.result import evaluate_trajectory, mean_metrics
 from tlr_exp.keys import Ending
-from tlr_exp.reward import RewardSplit
+from tlr_exp.reward.split import RewardSplit
+from tlr_exp.robot import g1
 
 SPLIT = RewardSplit({"body_pos": 2.0}, {"base_height": -4.0}, 0.02)
 

@@ -5,14 +5,15 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from tlr_exp import g1, keys
+from tlr_exp import keys
+from tlr_exp.env.observations import OBSERVATION_DIMS
 from tlr_exp.evaluation.latency import latency
 from tlr_exp.evaluation.result import evaluate_trajectory
 from tlr_exp.evaluation.rollout import rollout
-from tlr_exp.mdp.observations import OBSERVATION_DIMS
 from tlr_exp.motion.clip import clip_from_qpos
-from tlr_exp.networks import build_actor
-from tlr_exp.reward import RewardSplit
+from tlr_exp.ppo.networks import build_actor
+from tlr_exp.reward.split import RewardSplit
+from tlr_exp.robot import g1
 
 DT = 0.02
 SPLIT = RewardSplit({"body_pos": 1.0}, {}, DT)

@@ -51,7 +51,7 @@ class Trainer:
     def command(folder: Path, *arguments: str) -> subprocess.Popen[str]:
         """``tlr-train`` with these arguments alone, in any folder."""
         return subprocess.Popen(
-            [sys.executable, "-m", "tlr_exp.train", *arguments],
+            [sys.executable, "-m", "tlr_exp.commands.train", *arguments],
             cwd=folder,
             env={**os.environ, "HYDRA_FULL_ERROR": "1"},
             stdin=subprocess.DEVNULL,

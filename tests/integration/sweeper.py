@@ -31,7 +31,7 @@ class Sweeper:
         self._started: list[subprocess.Popen[str]] = []
 
     def start(self, *overrides: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "tlr_exp.train", "-m"]
+        command = [sys.executable, "-m", "tlr_exp.commands.train", "-m"]
         process = subprocess.Popen(
             [*command, *self.trainer.arguments, *SIZE, *overrides],
             cwd=self.folder,

@@ -7,12 +7,12 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from tlr_exp.motion.authoring.ik import HandSolver
+from tlr_exp.motion.authoring.keyframes import build_clip
+from tlr_exp.motion.authoring.plan import MotionPlan
+from tlr_exp.motion.authoring.script import read_script
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
-from tlr_exp.motion.ik import HandSolver
-from tlr_exp.motion.keyframes import build_clip
-from tlr_exp.motion.plan import MotionPlan
-from tlr_exp.motion.script import read_script
-from tlr_exp.robot import Robot, build_robot
+from tlr_exp.robot.model import Robot, build_robot
 
 
 @pytest.fixture(scope="session")

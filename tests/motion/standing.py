@@ -5,7 +5,7 @@ import numpy as np
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import half_planes
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 
 def zero_moment_point(clip: MotionClip, robot: Robot) -> np.ndarray:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.checks import ARRAY_SHAPES
 from tlr_exp.motion.clip import (
     MotionClip,
@@ -18,6 +17,7 @@ from tlr_exp.motion.clip import (
 )
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quaternions import angle_between, continuous
+from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
 
 
 def test_frames_and_duration(swaying_clip):

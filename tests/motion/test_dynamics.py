@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from standing import zero_moment_point
 
+from tlr_exp.motion.authoring.keyframes import build_clip
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.motion.dynamics import centroidal, inverse_dynamics
-from tlr_exp.motion.keyframes import build_clip
 
 STAND = "keyframes: [{time_s: 0}, {time_s: 0.2}]"
 

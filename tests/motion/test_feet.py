@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from standing import support_margin
 
-from tlr_exp.g1 import JOINT_NAMES, LINK_NAMES
 from tlr_exp.motion.feet import foot_extremes, half_planes, hip_offset, sole_points
-from tlr_exp.robot import build_robot
+from tlr_exp.robot.g1 import JOINT_NAMES, LINK_NAMES
+from tlr_exp.robot.model import build_robot
 
 
 def test_sole_is_that_of_the_capsules(robot):

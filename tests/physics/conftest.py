@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 StartState = tuple[Tensor, Tensor]
 

@@ -197,7 +197,7 @@ def test_jax_used_too_early_is_told() -> None:
         "import jax\n"
         "jax.devices('cpu')\n"
         "from tlr_exp.physics.mjx import MjxPhysics\n"
-        "from tlr_exp.robot import build_robot\n"
+        "from tlr_exp.robot.model import build_robot\n"
         "MjxPhysics(build_robot(), 1, device='cpu')\n",
         timeout_s=120,
     )
@@ -211,7 +211,7 @@ def test_256_environments_step_on_two_cpu_threads_without_hanging() -> None:
     finished = _run_python(
         "import torch\n"
         "from tlr_exp.physics.mjx import MjxPhysics\n"
-        "from tlr_exp.robot import build_robot\n"
+        "from tlr_exp.robot.model import build_robot\n"
         "physics = MjxPhysics(build_robot(), 256, device='cpu')\n"
         "for _ in range(3):\n"
         "    state = physics.step(torch.zeros(256, 23))\n"

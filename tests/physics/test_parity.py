@@ -17,7 +17,7 @@ from torch import Tensor
 
 from tlr_exp.physics.native import NativePhysics
 from tlr_exp.physics.protocol import Physics
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 NUM_ENVS = 8
 CHECKED_STEPS = (1, 10, 50)

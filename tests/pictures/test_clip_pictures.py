@@ -5,7 +5,6 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.pictures.clip_pictures import (
     camera_path,
@@ -17,6 +16,7 @@ from tlr_exp.pictures.clip_pictures import (
 )
 from tlr_exp.pictures.clip_plots import body_figure, joint_figure, write_figure
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
+from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
 
 
 @pytest.fixture(scope="module")

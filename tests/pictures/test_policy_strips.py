@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from trajectories import trajectory_of
 
-from tlr_exp import g1
 from tlr_exp.evaluation.result import evaluate_trajectory
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.pictures.error_plots import body_error_figure, joint_error_figure
@@ -14,7 +13,8 @@ from tlr_exp.pictures.film import camera_path
 from tlr_exp.pictures.framing import FARTHEST_M, frame_robots
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.pictures.policy_strips import StripRow, moments, policy_strip, strip_lookat
-from tlr_exp.reward import RewardSplit
+from tlr_exp.reward.split import RewardSplit
+from tlr_exp.robot import g1
 
 STEPS = 30
 FALL = 12  # the first step of the falling robot that counts as fallen

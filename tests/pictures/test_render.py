@@ -19,7 +19,7 @@ from tlr_exp.pictures.media import write_image, write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, keyframe_strip, render_frames
 from tlr_exp.pictures.studio import thin_meshes
 from tlr_exp.records.storage import StorageError
-from tlr_exp.robot import Robot, build_robot
+from tlr_exp.robot.model import Robot, build_robot
 
 SIZE = {"width": 64, "height": 48}
 
@@ -269,7 +269,7 @@ import sys, mujoco, numpy as np
 from tlr_exp.pictures.graphics import GraphicsUnavailable
 from tlr_exp.pictures.media import write_video
 from tlr_exp.pictures.render import render_frames
-from tlr_exp.robot import build_robot
+from tlr_exp.robot.model import build_robot
 qpos = np.zeros((2, 30)); qpos[:, 2] = 0.76; qpos[:, 3] = 1.0
 try:
     write_video(sys.argv[1], render_frames(build_robot(), qpos, width=64, height=48), 25)

@@ -443,7 +443,7 @@ def test_versions_and_machine() -> None:
 
 def test_module_is_light() -> None:
     code = """
-        import sys, tlr_exp.records.run_directory, tlr_exp.records.runs, tlr_exp.records.mirror
+        import sys, tlr_exp.records.run_directory, tlr_exp.records.runs, tlr_exp.mlflow_sync.mirror
         heavy = {"torch", "mlflow", "numpy", "yaml", "hydra", "jax", "mujoco"} & set(sys.modules)
         print(sorted(heavy))
     """

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tlr_exp.config import ConfigError
+from tlr_exp.config.load import ConfigError
 from tlr_exp.records.run_directory import LOCK
 from tlr_exp.sweeps import job as jobs
 from tlr_exp.sweeps.spec import write_spec

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tlr_exp.config import ConfigError
+from tlr_exp.config.load import ConfigError
 from tlr_exp.sweeps import plan as planning
 from tlr_exp.sweeps.plan import make_plan, split_overrides
 

@@ -24,7 +24,7 @@ from tlr_exp.sweeps.stopping import (
 JOB = """
 import signal, sys, time
 from pathlib import Path
-from tlr_exp.records.following import WatchedProcess
+from tlr_exp.mlflow_sync.following import WatchedProcess
 from tlr_exp.sweeps.stopping import Watch
 # As the process of a job does: what was started in the background may ignore the signal.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tlr_exp.robot import Robot, build_robot
+from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import ViewerUnavailable, native
 from tlr_exp.viewing.recording import Player, Recording
 

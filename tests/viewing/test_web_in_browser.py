@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from browser import find_chromium, open_page, until
 
-from tlr_exp import g1
-from tlr_exp.robot import build_robot
+from tlr_exp.robot import g1
+from tlr_exp.robot.model import build_robot
 from tlr_exp.viewing import web
 from tlr_exp.viewing.recording import Recording
 

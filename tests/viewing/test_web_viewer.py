@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tlr_exp.pictures.studio import thin_meshes
-from tlr_exp.robot import Robot, build_robot
+from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import ViewerUnavailable, web
 from tlr_exp.viewing.recording import Recording
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tlr_exp import g1
+from tlr_exp.robot import g1
 
 
 def body_distance(body_pos_w: np.ndarray, reference_body_pos_w: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from tensordict import TensorDictBase
 
-from tlr_exp import g1, keys
+from tlr_exp import keys
 from tlr_exp.evaluation.distances import body_distance, seen_from_the_pelvis, tilt
 from tlr_exp.evaluation.effort import mean_power, mean_torque
 from tlr_exp.evaluation.endings import ending, share_before_first
@@ -17,7 +17,8 @@ from tlr_exp.evaluation.latency import latency
 from tlr_exp.evaluation.rollout import rollout
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.keys import Ending
-from tlr_exp.reward import RewardSplit
+from tlr_exp.reward.split import RewardSplit
+from tlr_exp.robot import g1
 
 
 @dataclass(frozen=True)

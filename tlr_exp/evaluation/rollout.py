@@ -9,8 +9,8 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from tlr_exp import keys
-from tlr_exp.cores import one_torch_thread
 from tlr_exp.evaluation.trajectory import Trajectory
+from tlr_exp.machine.cores import one_torch_thread
 
 # What is noted of the physics state after every step, as the trajectory names it.
 _OF_THE_STATE = ("qpos", "qvel", "joint_torque", "body_pos_w")

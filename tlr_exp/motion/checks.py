@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
 
 # Columns of qpos and qvel: MuJoCo's free joint, then the joints in the order of JOINT_NAMES.
 ROOT_QUAT = slice(3, 7)

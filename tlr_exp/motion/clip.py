@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.checks import (
     ARRAY_SHAPES,
     BODY_ARRAYS,
@@ -30,7 +29,8 @@ from tlr_exp.motion.checks import (
 )
 from tlr_exp.motion.joint_limits import check_limits
 from tlr_exp.motion.quaternions import angle_between, continuous, normalised
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.model import Robot
 
 # How far bodies may be from forward kinematics: room for float32 files and other conventions of
 # rounding, none for another robot.

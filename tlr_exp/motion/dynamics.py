@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import sole_points
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 FRICTION = 0.6
 _CONTACT_M = 0.003  # a sole's point this close to the floor carries weight

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tlr_exp.g1 import FOOT_BODIES
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import FOOT_BODIES
+from tlr_exp.robot.model import Robot
 
 _TOUCHING = 1e-4  # m; points this close to the lowest count as the sole
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES, joint_tables
 from tlr_exp.motion.checks import QPOS_JOINTS
+from tlr_exp.robot.g1 import JOINT_NAMES, joint_tables
 
 # Clips retargeted from people often rest on a joint limit or a little beyond it.
 LIMIT_TOLERANCE_RAD = 0.05

@@ -21,7 +21,6 @@ from jax import numpy as jnp
 from jax._src.xla_bridge import backends_are_initialized
 from torch import Tensor
 
-from tlr_exp.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, NUM_JOINTS, PELVIS
 from tlr_exp.physics.state import (
     NUM_QPOS,
     NUM_QVEL,
@@ -30,7 +29,8 @@ from tlr_exp.physics.state import (
     check_reset,
     check_saved_state,
 )
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, NUM_JOINTS, PELVIS
+from tlr_exp.robot.model import Robot
 
 with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missing
     from mujoco import mjx

@@ -11,8 +11,7 @@ import torch
 from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
-from tlr_exp.cores import available_cores
-from tlr_exp.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, PELVIS
+from tlr_exp.machine.cores import available_cores
 from tlr_exp.physics.state import (
     PhysicsState,
     body_twist,
@@ -20,7 +19,8 @@ from tlr_exp.physics.state import (
     check_reset,
     check_saved_state,
 )
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, PELVIS
+from tlr_exp.robot.model import Robot
 
 _FORCES = ("joint_torque", "foot_contact_force")  # outputs of a step, no part of MuJoCo's state
 _INSTABILITY = ("Nan, Inf or huge value", "Inertia matrix is too close to singular")

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.g1 import NUM_JOINTS
+from tlr_exp.robot.g1 import NUM_JOINTS
 
 NUM_QPOS = 7 + NUM_JOINTS
 NUM_QVEL = 6 + NUM_JOINTS
@@ -17,10 +17,10 @@ class PhysicsState(NamedTuple):
     """The robots at one instant: positions, velocities and body poses belong to the same time.
 
     Batches over environments, float32, world frame, SI units. Bodies are in the order of
-    ``tlr_exp.g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow
-    MuJoCo: ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is
-    the pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the
-    joint velocities. Torques and contact forces are those of the last physics step; both are
+    ``g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow MuJoCo:
+    ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is the
+    pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the joint
+    velocities. Torques and contact forces are those of the last physics step; both are
     zero right after a reset, where no step has been taken.
     """
 

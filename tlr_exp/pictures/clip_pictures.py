@@ -8,7 +8,7 @@ import numpy as np
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.pictures.media import write_image, write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, keyframe_strip, render_frames
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 FRAME_RATE_HZ = 25.0
 # MuJoCo's camera sees this angle from top to bottom; a body reaches so far around its origin.

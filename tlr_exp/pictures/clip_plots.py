@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tlr_exp.g1 import ARM, JOINT_NAMES, LEG, TRACKED_BODIES, WAIST
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, stretches
 from tlr_exp.records.storage import atomic_write
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import ARM, JOINT_NAMES, LEG, TRACKED_BODIES, WAIST
+from tlr_exp.robot.model import Robot
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 LEFT, RIGHT, MIDDLE, LIMIT, FLIGHT = "#0072B2", "#D55E00", "#333333", "#CC3311", "#F0E442"

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tlr_exp import g1
 from tlr_exp.evaluation.distances import body_distance
 from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
+from tlr_exp.robot import g1
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 _REFERENCE, _ROBOT, _UPPER, _LOWER, _END = "#333333", "#0072B2", "#D55E00", "#0072B2", "#CC3311"

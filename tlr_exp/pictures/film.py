@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tlr_exp import g1
 from tlr_exp.evaluation.distances import body_distance
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.pictures.clip_pictures import FOLLOW_HEIGHT_S, FOLLOW_S
 from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.media import write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, render_frames
-from tlr_exp.robot import Robot
+from tlr_exp.robot import g1
+from tlr_exp.robot.model import Robot
 
 FRAME_RATE_HZ = 25.0
 

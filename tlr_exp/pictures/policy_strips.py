@@ -13,7 +13,7 @@ from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.render import render_frames
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 _INK, _GREY, _RED, _PAPER = (25, 30, 40), (95, 100, 110), (190, 30, 30), (255, 255, 255)
 _REFERENCE = "reference"

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.quaternions import heading
 from tlr_exp.pictures.studio import QUALITIES, Studio
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 _INK = (25, 30, 40)
 

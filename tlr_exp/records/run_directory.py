@@ -2,7 +2,7 @@
 
 manifest.json   run id, status, source revision, versions, machine, seed, command line, file hashes
 config.yaml     the resolved configuration
-motion.npz      the motion as it is trained on, see tlr_exp.records.kept_motion
+motion.npz      the motion as it is trained on, see tlr_exp.training.kept_motion
 metrics.jsonl   one line an iteration, see tlr_exp.records.metrics_file
 checkpoints/    see tlr_exp.records.checkpoint
 eval/           what evaluations of the run wrote (JSON, videos)
@@ -79,7 +79,7 @@ class RunDirectory:
         "seed"). `tags` are the labels the run is looked up by: method, scale, device, experiment
         and the like. `identity` tells which runs are the same experiment (tlr_exp.records.runs).
         `files` are the hashes of the files that the configuration means, by key
-        (tlr_exp.input_files).
+        (tlr_exp.config.input_files).
 
         Raises:
             RunDirectoryError: `path` holds something already, or `config` is not plain data.

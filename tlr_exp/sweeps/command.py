@@ -13,12 +13,11 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from tlr_exp.config import ConfigError
-from tlr_exp.records.mirror import Mirror, how_to_open
+from tlr_exp.config.load import ConfigError
+from tlr_exp.mlflow_sync.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import CANCELLED, SWEEPS, SweepDirectory, SweepDirectoryError
-from tlr_exp.running import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
 from tlr_exp.sweeps.launching import Launcher
@@ -32,6 +31,7 @@ from tlr_exp.sweeps.slurm.launcher import SlurmLauncher
 from tlr_exp.sweeps.spec import Plan
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
 from tlr_exp.sweeps.task import JobTask
+from tlr_exp.training.run import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 
 ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep

@@ -13,10 +13,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
-from tlr_exp.progress import clock
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.sweep_directory import CANCELLED, WAITING
 from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState, Pace, counts
+from tlr_exp.training.progress import clock
 
 PLAIN_INTERVAL_S = 30.0
 LOGS_WIDTH = 160  # columns of the table where no terminal sets them

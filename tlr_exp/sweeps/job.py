@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from tlr_exp.config import load_settings
-from tlr_exp.records.following import WatchedProcess
+from tlr_exp.config.load import load_settings
+from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
+from tlr_exp.mlflow_sync.following import WatchedProcess
 from tlr_exp.records.run_directory import (
     FAILED,
     FINISHED,
@@ -25,7 +26,10 @@ from tlr_exp.records.run_directory import (
 )
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SweepDirectory
-from tlr_exp.running import (
+from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads
+from tlr_exp.sweeps.stopping import Watch
+from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, ELSEWHERE, conclude, one_line
+from tlr_exp.training.run import (
     EXIT_FAILED,
     EXIT_INTERRUPTED,
     check_inputs,
@@ -33,10 +37,6 @@ from tlr_exp.running import (
     print_error,
     train_in,
 )
-from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads
-from tlr_exp.sweeps.stopping import Watch
-from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, ELSEWHERE, conclude, one_line
-from tlr_exp.terminal import refuse_without_docstrings, show_any_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

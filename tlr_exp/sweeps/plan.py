@@ -16,21 +16,21 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from tlr_exp.config import (
+from tlr_exp.config.identity import run_identity
+from tlr_exp.config.input_files import INITIAL
+from tlr_exp.config.load import (
     ConfigError,
     load_settings,
     plain_config,
     with_absolute_paths,
 )
-from tlr_exp.cores import available_cores
-from tlr_exp.identity import run_identity
-from tlr_exp.input_files import INITIAL
+from tlr_exp.config.settings import Settings
+from tlr_exp.machine.cores import available_cores
 from tlr_exp.records.runs import config_hash
-from tlr_exp.resuming import is_run
-from tlr_exp.running import check_beginning, check_lower_layer, check_world, tracking_uri
-from tlr_exp.settings import Settings
 from tlr_exp.sweeps.parallel import parallelism
 from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob, with_threads
+from tlr_exp.training.resuming import is_run
+from tlr_exp.training.run import check_beginning, check_lower_layer, check_world, tracking_uri
 
 UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job

@@ -19,8 +19,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.cores import OPENMP_DEFAULTS
-from tlr_exp.records.following import WatchedProcess
+from tlr_exp.machine.cores import OPENMP_DEFAULTS
+from tlr_exp.mlflow_sync.following import WatchedProcess
 from tlr_exp.records.run_directory import (
     FAILED,
     FINISHED,

@@ -11,7 +11,7 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 from tlr_exp.viewing import ViewerUnavailable
 from tlr_exp.viewing.recording import Player, Recording
 

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tlr_exp.robot import Robot
+    from tlr_exp.robot.model import Robot
     from tlr_exp.viewing.recording import Recording
 
 WEB_PORT = 8080

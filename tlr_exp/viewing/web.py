@@ -19,7 +19,7 @@ import numpy as np
 
 from tlr_exp.pictures.render import follow_pelvis
 from tlr_exp.pictures.studio import thin_meshes
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 from tlr_exp.viewing import ViewerUnavailable
 from tlr_exp.viewing.recording import Player, Recording
 

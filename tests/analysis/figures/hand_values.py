@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from studies import make_study
 
-from analysis.study import Study
+from analysis.data.study import Study
 
 
 def flat_study(arms=("fixed", "gwo"), seeds=(0, 1), iterations=4, **given) -> Study:

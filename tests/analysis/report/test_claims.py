@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from studies import level, make_study, rise, with_starts
 
+from analysis.data.study import Study, StudyError
 from analysis.report.claims import CLAIMS, Claim, findings
 from analysis.report.evidence import Evidence, prediction_limits, seed_noise
 from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
 from analysis.report.verdicts import Verdict
 from analysis.statistics.nulls import ar1_curves
-from analysis.study import Study, StudyError
 from tlr_exp import keys
 
 UPPER = "Upper-body tracking error falls against the static reward, averaged over training."

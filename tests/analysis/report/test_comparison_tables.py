@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from studies import make_study
 
+from analysis.data.study import Study, StudyError
 from analysis.report.cells import MISSING
 from analysis.report.comparison_tables import curves_table
 from analysis.report.comparison_tables import tests_table as table_of_tests
 from analysis.report.evidence import Evidence
 from analysis.report.outcomes import outcomes
 from analysis.report.protocol_tables import protocol_table, units_table
-from analysis.study import Study, StudyError
 from tlr_exp import keys
 
 LAST = "eval/upper_body_error_m"

@@ -8,7 +8,9 @@ import pytest
 from scipy import stats
 from studies import TERMS, make_study, with_starts
 
-from analysis.quantities import TRACKING_OF_ROLL_OUT
+from analysis.data.study import Study
+from analysis.measures.quantities import TRACKING_OF_ROLL_OUT
+from analysis.measures.rollouts import rollouts
 from analysis.report.answer import improvements, position
 from analysis.report.comparison_tables import tests_table as table_of_tests
 from analysis.report.evidence import Evidence
@@ -18,9 +20,7 @@ from analysis.report.outcomes import (
     tracking_outcomes,
 )
 from analysis.report.rollout_tables import area_table
-from analysis.rollouts import rollouts
 from analysis.statistics.significance import holm
-from analysis.study import Study
 from tlr_exp import keys
 
 COSTS = {keys.REWARD_TERM_PREFIX + term: 0.5 for term in TERMS}

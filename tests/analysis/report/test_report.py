@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from studies import make_study, with_starts
 
-from analysis.report import command
+from analysis.commands import report as command
+from analysis.data.tables import write_tables
 from analysis.report.answer import change_text, support, together
 from analysis.report.content import Report, gather
 from analysis.report.pages import ReportExistsError, write_report
 from analysis.statistics.results import Interval
-from analysis.tables import write_tables
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from studies import make_study
 
+from analysis.measures.swept import sweep_of
 from analysis.report.sweep_tables import metrics_of, values_table
-from analysis.swept import sweep_of
 from tlr_exp import keys
 
 

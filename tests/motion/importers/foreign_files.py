@@ -8,8 +8,8 @@ import joblib
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.g1 import JOINT_NAMES, LINK_NAMES
 from tlr_exp.motion.clip import MotionClip
+from tlr_exp.robot.g1 import JOINT_NAMES, LINK_NAMES
 
 # Written out, so that the order does not come from the code under test.
 LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")

@@ -18,10 +18,10 @@ from foreign_files import (
 )
 from wild_files import FORMATS, WILD
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.convert import CLAMP_RAD, import_motion
 from tlr_exp.motion.importers.files.containers import MAX_BYTES
 from tlr_exp.motion.importers.raw import MotionFileError
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 KNEE = JOINT_NAMES.index("left_knee_joint")
 KNEE_MAX_RAD = 2.8798

@@ -22,11 +22,11 @@ from foreign_files import (
 )
 from wild_files import FORMATS, WILD, WITHOUT_RATE, amp_arrays, with_others
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
 from tlr_exp.motion.quaternions import angle_between, continuous
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 REAL = Path(__file__).parents[4] / "shared" / "motions"
 

@@ -15,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from wild_files import WILD, WITHOUT_RATE
 
+from tlr_exp.commands.motion import main
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.files.safe_pickle import load_pickle
 from tlr_exp.motion.importers.raw import MotionFileError, Options
-from tlr_exp.motion_tool import main
 
 LIMIT = 1 << 20
 HOSTILE = (

@@ -5,9 +5,9 @@ import pytest
 from foreign_files import LEG, npz
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 # Where the first model of the G1 (2024) has the frames of its leg, from its parent's: place (m)
 # and turn about y (degrees); hip pitch, hip roll, hip yaw, knee, ankle pitch, ankle roll.

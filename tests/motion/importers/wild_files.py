@@ -8,8 +8,8 @@ import torch
 from foreign_files import ISAAC_ORDER, MUJOCO_ORDER, joints_in, link, npz, poses_in, tracking
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import MotionClip
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 
 def text(rows: np.ndarray, separator: str = ",", names: Sequence[str] = ()) -> bytes:

@@ -6,7 +6,7 @@ import pytest
 
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.feet import foot_extremes
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 FPS = 50.0
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
 from tlr_exp.motion.quality.jumps import accelerations, rotation_steps
 from tlr_exp.motion.quality.limits import LIMITS, Limit
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 MOTIONS = Path(__file__).parents[4] / "shared" / "motions"
 GRAVITY = 9.81

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import clip_from_qpos, resample
 from tlr_exp.motion.quality.joining import join_clips
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quaternions import angle_between, from_euler, heading, rotate
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 
 def moved(qpos: np.ndarray, yaw: float, x: float, y: float, z: float = 0.0) -> np.ndarray:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.motion.quality.check import check_clip
 from tlr_exp.motion.quality.floor import floor_contacts
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.repairs import repair_clip
 from tlr_exp.motion.quality.smoothing import CHANNELS, mend
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 KNEE = 7 + JOINT_NAMES.index("left_knee_joint")
 SHOULDER = 7 + JOINT_NAMES.index("left_shoulder_pitch_joint")

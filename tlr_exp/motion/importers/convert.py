@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tlr_exp.g1 import CONTROL_DT_S, JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.importers.detect import READERS, detect
@@ -22,7 +21,8 @@ from tlr_exp.motion.importers.readings.kinematics import KinematicsGap, kinemati
 from tlr_exp.motion.importers.readings.metadata import with_metadata
 from tlr_exp.motion.importers.readings.plausible import check_plausible, likely_reading, suggestion
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import CONTROL_DT_S, JOINT_NAMES
+from tlr_exp.robot.model import Robot
 
 CLIP_FPS = round(1 / CONTROL_DT_S)
 # Retargeting often leaves joints a little beyond their limits; more than this is another robot.

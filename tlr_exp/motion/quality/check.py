@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from tlr_exp.g1 import FOOT_BODIES, JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.joint_limits import beyond_limits
@@ -13,7 +12,8 @@ from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, steady_c
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quaternions import angle_between, rotate
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import FOOT_BODIES, JOINT_NAMES
+from tlr_exp.robot.model import Robot
 
 # Sliding is averaged over this time; a touch of less than half of it is no stance.
 SLIDE_S = 0.2

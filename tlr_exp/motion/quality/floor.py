@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from scipy.ndimage import grey_opening
 
-from tlr_exp.g1 import FEET
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import foot_extremes
 from tlr_exp.motion.quaternions import rotate
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import FEET
+from tlr_exp.robot.model import Robot
 
 CONTACT_M = 0.005  # a point this close to what carries the robot touches it too
 # Free fall: over this time the centre of mass accelerates by -g, give or take this share of g.

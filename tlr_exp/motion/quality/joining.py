@@ -13,12 +13,12 @@ import numpy as np
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
 from tlr_exp.motion.quaternions import heading
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.model import Robot
 
 BLEND_S = 0.5
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
@@ -18,7 +17,8 @@ from tlr_exp.motion.quality.floor import CONTACT_M, floor_contacts
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.smoothing import SHAKING_SHARE, mend_jumps
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.model import Robot
 
 GROUNDS = ("constant", "varying", "none")
 # A jump this close to an end is cut off with the end; one further inside is smoothed.

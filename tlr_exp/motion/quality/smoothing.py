@@ -7,12 +7,12 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import butter, sosfiltfilt
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.quality.floor import stretches
 from tlr_exp.motion.quality.jumps import position_acceleration, rotation_acceleration
 from tlr_exp.motion.quality.limits import LIMITS, Limit
 from tlr_exp.motion.quaternions import angle_between, continuous, normalised
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 # A jump is replaced by a curve over at most this time, over as few frames as will do.
 MAX_BRIDGE_S = 0.4

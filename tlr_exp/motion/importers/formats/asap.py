@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.raw import (
     Conventions,
     MotionFileError,
@@ -13,6 +12,7 @@ from tlr_exp.motion.importers.raw import (
     take,
     take_rate,
 )
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 
 def read(content: Mapping[str, Any], options: Options) -> Recorded:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.files.text_table import COLUMNS, TABLE
 from tlr_exp.motion.importers.raw import (
     Conventions,
@@ -26,6 +25,7 @@ from tlr_exp.motion.importers.readings.conventions import LARGEST_RAD
 from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
 from tlr_exp.motion.importers.readings.table_time import rate_of_steps
 from tlr_exp.motion.quaternions import from_euler
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 FPS = 30.0
 _ROOT = 7

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tlr_exp.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.motion.checks import UNIT_QUAT_TOLERANCE
 from tlr_exp.motion.importers.raw import (
     Bodies,
@@ -19,6 +18,7 @@ from tlr_exp.motion.importers.raw import (
 )
 from tlr_exp.motion.importers.readings.joints import check_joints, in_order, links_of
 from tlr_exp.motion.quaternions import product, rotate
+from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 # What may be said of a file by an option, and its choices; ``Conventions`` explains them.

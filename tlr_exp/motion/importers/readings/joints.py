@@ -3,8 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from tlr_exp.g1 import JOINT_NAMES
 from tlr_exp.motion.importers.raw import MotionFileError, listed
+from tlr_exp.robot.g1 import JOINT_NAMES
 
 PELVIS = "pelvis"
 ORDERS = ("mujoco", "isaac")

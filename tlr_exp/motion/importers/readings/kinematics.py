@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tlr_exp.g1 import LINK_NAMES, TRACKED_BODIES
 from tlr_exp.motion.clip import body_states
 from tlr_exp.motion.importers.raw import (
     Bodies,
@@ -17,7 +16,8 @@ from tlr_exp.motion.importers.raw import (
 )
 from tlr_exp.motion.importers.readings.conventions import interpret
 from tlr_exp.motion.importers.readings.joints import ORDERS
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import LINK_NAMES, TRACKED_BODIES
+from tlr_exp.robot.model import Robot
 
 _COMPARED_FRAMES = 50
 # Bodies without names are no proof of a joint order unless each of our links is found among them.

@@ -25,7 +25,7 @@ from tlr_exp.motion.importers.readings.kinematics import with_order
 from tlr_exp.motion.importers.readings.stance import FRAMES, SPEED_M_S, UPRIGHT, Stance, StanceMeter
 from tlr_exp.motion.joint_limits import furthest_beyond
 from tlr_exp.motion.quaternions import rotate
-from tlr_exp.robot import Robot
+from tlr_exp.robot.model import Robot
 
 # Of two readings that both stand, the one with the flatter sole is right, if it is this much so.
 _FLATTER, _FLATTER_BY_RAD = 0.6, 0.015

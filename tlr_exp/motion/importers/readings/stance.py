@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tlr_exp.g1 import FEET, TRACKED_BODIES
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.feet import sole_points
 from tlr_exp.motion.importers.raw import Bodies, RawMotion
 from tlr_exp.motion.importers.readings.kinematics import distances
 from tlr_exp.motion.joint_limits import beyond_limits
 from tlr_exp.motion.quaternions import rotate
-from tlr_exp.robot import Robot
+from tlr_exp.robot.g1 import FEET, TRACKED_BODIES
+from tlr_exp.robot.model import Robot
 
 FRAMES = 25  # looked at, evenly over the motion
 # Beyond these nothing is a motion on a floor at z = 0: a tenth of the frames deeper, half of them

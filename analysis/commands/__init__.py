@@ -1,0 +1,1 @@
+"""The commands: tlr-export and tlr-report."""

@@ -1,0 +1,97 @@
+"""tlr-export: write the runs of a study as tables that can be published and analysed again."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from analysis.commands.sources import (
+    add_selection,
+    add_sources,
+    check_sources,
+    source_names,
+    study_of,
+    with_advice,
+)
+from analysis.data.starts import STARTS
+from analysis.data.study import Study, StudyError
+from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_tables
+from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.records.places import plain_command
+
+_EPILOG = """\
+Refused, and named, are runs that are unfinished, seeds that one arm has and another lacks, two runs
+of one arm and seed, and settings that differ beyond the arms and the seed. Different commits,
+versions and machines are noted in the manifest.
+
+Hosts are numbered, and paths outside of the current folder are reduced to their last part, so that
+the tables name neither people nor machines.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
+    show_any_text()
+    parser = export_parser()
+    options = parser.parse_args(arguments)
+    check_sources(parser, options)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        is_occupied(options.output, options.force)  # before runs are loaded
+        study = study_of(options)
+        manifest = write_tables(
+            study,
+            options.output,
+            source=source_names(options),
+            command=plain_command(shlex.join(["tlr-export", *words])),
+            force=options.force,
+        )
+    except StudyError as error:
+        print(f"tlr-export: {with_advice(str(error))}", file=sys.stderr)
+        return 1
+    for line in _report(study, options.output):
+        print(line)
+    for note in manifest["notes"]:
+        print(f"  note: {note}")
+    return 0
+
+
+def export_parser() -> argparse.ArgumentParser:
+    """The parser of tlr-export."""
+    parser = argparse.ArgumentParser(
+        prog="tlr-export",
+        description="Write the runs of a study as tables that can be published and analysed again.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_sources(parser)
+    add_selection(parser)
+    parser.add_argument(
+        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
+    )
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help=f"replace {', '.join(FILES)} and {STARTS} in a FOLDER that is not empty",
+    )
+    return parser
+
+
+def _report(study: Study, folder: Path) -> list[str]:
+    size = sum((folder / name).stat().st_size for name in (RUNS, CURVES))
+    lines = [
+        f"{folder}: {len(study.runs)} runs, {study.iterations} iterations, "
+        f"{len(study.metric_names)} metrics, {size / 1e6:.2f} MB"
+    ]
+    if len(study.starts):
+        lines.append(f"  roll-outs from start phases: {len(study.starts)}")
+    for arm in study.arms:
+        lines.append(f"  {arm}: seeds {', '.join(map(str, study.seeds(arm)))}")
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""``tlr-report``: from the runs of a study, or from exported tables, to the report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from analysis.commands.sources import (
+    add_selection,
+    add_sources,
+    check_sources,
+    study_of,
+    with_advice,
+)
+from analysis.data.study import StudyError
+from analysis.report.content import gather
+from analysis.report.pages import ReportExistsError, check_place, write_report
+from tlr_exp.machine.terminal import show_any_text
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
+    show_any_text()
+    parser = report_parser()
+    options = parser.parse_args(arguments)
+    check_sources(parser, options)
+    try:
+        check_place(options.output, options.force)  # before a minute of statistics
+        study = study_of(options)
+        commands = options.repeat or study.runs["command"].tolist()
+        report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
+        page = write_report(report, options.output, options.force)
+    except StudyError as error:
+        print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
+        return 1
+    except (ReportExistsError, OSError) as error:
+        print(f"tlr-report: {error}", file=sys.stderr)
+        return 1
+    print(page)
+    return 0
+
+
+def report_parser() -> argparse.ArgumentParser:
+    """The parser of tlr-report."""
+    parser = argparse.ArgumentParser(
+        prog="tlr-report",
+        description="Write the report of a study: report.html, which needs no other file, the same "
+        "as report.md, its figures (each, and figures.pdf), comparison.tex (the main comparison as "
+        "a LaTeX table), and statistics.json.",
+    )
+    add_sources(parser)
+    add_selection(parser)
+    parser.add_argument(
+        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
+    )
+    parser.add_argument(
+        "--repeat",
+        metavar="COMMAND",
+        help="shown as the command that repeats the study (default: the sweep that its runs make)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace a report that is there")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

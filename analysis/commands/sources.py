@@ -1,0 +1,212 @@
+"""Which runs make a study: the arguments that commands share, and the study they ask for."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.data.check import checked, rechecked
+from analysis.data.publishable import publishable
+from analysis.data.run_directories import arms_of_sweep, from_run_directories
+from analysis.data.runs import records_of
+from analysis.data.settings import OPTIMIZER
+from analysis.data.starts import of_runs, read_starts, starts_beside
+from analysis.data.study import Study, StudyError
+from analysis.data.tables import from_tables, is_exported
+from tlr_exp.records.places import plain_text
+
+URI_VARIABLE, STORE = "MLFLOW_TRACKING_URI", Path("runs/mlflow.db")
+
+
+def load_study(
+    sources: Iterable[str | Path] = (),
+    experiment: str | None = None,
+    tracking_uri: str | None = None,
+    sweep: str | None = None,
+    arm_keys: Sequence[str] | None = None,
+    starts: str | Path | None = None,
+    **choices: Any,
+) -> Study:
+    """The study of the runs in `sources`, or of an MLflow experiment in their place.
+
+    A source is a run directory, a folder with runs, the directory of a sweep, or an exported study.
+    A single exported study without `arm_keys` or `choices` keeps its arms (`check.rechecked` says
+    what is refused); all else is checked (`check.checked`, which explains the `choices`). Without
+    `arm_keys`, the arms are those of the sweep, or the optimizers. Hosts and paths are made
+    publishable. Roll-outs are those of the CSV ``starts``, else of the exported studies and of a
+    CSV that lies beside the runs.
+
+    Raises:
+        StudyError: one line for each problem.
+    """
+    paths = [Path(source) for source in sources]
+    if bool(paths) == bool(experiment):
+        raise StudyError("give either sources or an experiment")
+    if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
+        study = rechecked(from_tables(paths[0]))
+        return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
+    records, notes = [], []
+    rolled_out = [] if starts is None else [read_starts(Path(starts))]
+    if experiment:
+        from analysis.data.load import from_mlflow  # MLflow takes seconds to import
+
+        records += from_mlflow(tracking_uri or default_tracking_uri(), experiment, sweep)
+    for path in filter(is_exported, paths):
+        exported = from_tables(path)
+        records += records_of(exported)
+        notes += exported.notes
+        if starts is None and len(exported.starts):
+            rolled_out.append(exported.starts)
+    folders = [path for path in paths if not is_exported(path)]
+    if folders:
+        records += from_run_directories(folders, bool(choices.get("allow_unfinished")))
+    beside = dict.fromkeys(filter(None, map(starts_beside, folders)))
+    rolled_out += [read_starts(path) for path in beside] if starts is None else []
+    told = dict.fromkeys(key for folder in folders for key in arms_of_sweep(folder))
+    study = checked(publishable(records), arm_keys or tuple(told) or (OPTIMIZER,), **choices)
+    # What was left out or noted at an earlier export is true still.
+    study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
+    return _with_starts(study, rolled_out)
+
+
+def _with_starts(study: Study, tables: Sequence[pd.DataFrame]) -> Study:
+    """The study with the roll-outs of its runs that are in `tables`, and notes on them."""
+    starts, said = of_runs(tables, list(study.runs.index))
+    return replace(study, starts=starts, notes=tuple(dict.fromkeys([*study.notes, *said])))
+
+
+def add_sources(parser: argparse.ArgumentParser) -> None:
+    """Arguments that say where the runs are."""
+    parser.add_argument(
+        "sources",
+        nargs="*",
+        metavar="SOURCE",
+        help="a run directory, a folder that holds some (runs/STUDY), the directory of a sweep "
+        "(runs/STUDY/sweeps/NAME-ID), or an exported study",
+    )
+    parser.add_argument(
+        "--experiment", metavar="NAME", help="in place of SOURCE, the runs of an MLflow experiment"
+    )
+    parser.add_argument(
+        "--sweep", metavar="NAME-ID", help="of the experiment only the runs of this sweep"
+    )
+    parser.add_argument(
+        "--tracking-uri",
+        metavar="URI",
+        help=f"http://HOST:PORT or sqlite:///FILE; by default the variable {URI_VARIABLE}, else "
+        f"sqlite:///{STORE}",
+    )
+    parser.add_argument(
+        "--starts",
+        metavar="CSV",
+        type=Path,
+        help="the runs' roll-outs, as tlr-evaluate FOLDER --starts N wrote them (default: the "
+        "starts-N.csv that lies beside the runs)",
+    )
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """Arguments that say which runs make the study, and what its arms are."""
+    parser.add_argument(
+        "--arms",
+        metavar="KEYS",
+        default="",
+        help="configuration keys in which the arms differ, separated by commas (default: those of "
+        f"the sweep, or {OPTIMIZER}; e.g. {OPTIMIZER},reward.objective.threshold_share)",
+    )
+    parser.add_argument("--baseline", metavar="ARM", default="", help="default: fixed, else first")
+    parser.add_argument(
+        "--allow-unfinished", action="store_true", help="take runs as far as they have come"
+    )
+    parser.add_argument(
+        "--seeds",
+        choices=["all", "common"],
+        help="common: leave out the seeds that not every arm has finished (default: all)",
+    )
+    parser.add_argument(
+        "--duplicates",
+        choices=["refuse", "newest"],
+        help="newest: of several runs of one arm and seed take the newest finished one "
+        "(default: refuse)",
+    )
+    parser.add_argument(
+        "--ignore",
+        metavar="KEYS",
+        default="",
+        help="further configuration keys that may differ, separated by commas",
+    )
+    parser.add_argument(
+        "--motion", metavar="NAME", default="", help="take the runs of this motion alone"
+    )
+
+
+def check_sources(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """Exit with status 2 where the arguments of `add_sources` do not go together."""
+    if bool(options.sources) == bool(options.experiment):
+        parser.error("give either SOURCE or --experiment")
+    if options.experiment is None and (options.tracking_uri or options.sweep):
+        parser.error("--tracking-uri and --sweep go with --experiment")
+
+
+def study_of(options: argparse.Namespace) -> Study:
+    """The study that the arguments of `add_sources` and `add_selection` ask for.
+
+    Raises:
+        StudyError: names everything that speaks against it.
+    """
+    chosen = {
+        "allow_unfinished": options.allow_unfinished,
+        "seeds": options.seeds,
+        "duplicates": options.duplicates,
+        "ignore": _keys(options.ignore),
+        "motion": options.motion,
+        "baseline": options.baseline,
+    }
+    return load_study(
+        options.sources,
+        options.experiment,
+        options.tracking_uri,
+        options.sweep,
+        _keys(options.arms) or None,
+        options.starts,
+        **{name: value for name, value in chosen.items() if value},
+    )
+
+
+def default_tracking_uri() -> str:
+    """The variable MLFLOW_TRACKING_URI where it is set, else the store in runs/."""
+    return os.environ.get(URI_VARIABLE) or f"sqlite:///{STORE.absolute()}"
+
+
+def source_names(options: argparse.Namespace) -> list[str]:
+    """What the arguments of `add_sources` name, without places."""
+    if options.experiment is None:
+        return [plain_text(str(path)) for path in options.sources]
+    sweep = f", sweep {options.sweep}" if options.sweep else ""
+    return [f"MLflow experiment {options.experiment}{sweep}"]
+
+
+def _keys(text: str) -> list[str]:
+    return [key.strip() for key in text.split(",") if key.strip()]
+
+
+def with_advice(problems: str) -> str:
+    """Problems, each on a line, with the arguments that would take such runs all the same."""
+    advice = {
+        " after ": "--allow-unfinished takes runs as far as they have come",
+        "has no run": "--allow-unfinished leaves out jobs without a run",
+        " lacks seed ": "--seeds common leaves out what not every arm has finished",
+        " times: ": "--duplicates newest takes the newest finished run",
+        ", but ": "--arms compares runs by such a key, --ignore passes over it",
+        "several motions": "--motion NAME takes the runs of one",
+        " is not empty": "--force replaces the tables in it",
+    }
+    lines = problems.splitlines()
+    hints = [hint for sign, hint in advice.items() if any(sign in line for line in lines)]
+    return "\n".join([*lines, *(f"({hint})" for hint in hints)])

@@ -1,0 +1,1 @@
+"""The runs of a study, found, checked and tabulated."""

@@ -1,0 +1,89 @@
+"""What the metrics of a study are: name in words, unit, and which way is better."""
+
+from dataclasses import dataclass
+
+from tlr_exp import keys
+
+# What the training of an arm is judged by.
+TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a metric is shown: its name in words, its unit, and which way is better."""
+
+    name: str
+    unit: str
+    larger_is_better: bool
+
+    @property
+    def label(self) -> str:
+        """Axis label, "Upper-body error (m)"."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+QUANTITIES = {
+    keys.EPISODE_LENGTH: Quantity("Episode length", "control steps", True),
+    keys.TRAIN_UPPER_BODY_ERROR: Quantity("Upper-body error", "m", False),
+    keys.TRAIN_LOWER_BODY_ERROR: Quantity("Lower-body error", "m", False),
+    keys.TRAIN_JOINT_ERROR: Quantity("Joint error", "rad", False),
+    f"{keys.EVAL_PREFIX}upper_body_error_m": Quantity("Upper-body error, evaluation", "m", False),
+    f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
+    f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),
+    f"{keys.EVAL_PREFIX}survival": Quantity("Survival, evaluation", "share of roll-out", True),
+    keys.EVAL_SUCCESS: Quantity("Success, evaluation", "share of roll-outs", True),
+    f"{keys.EVAL_PREFIX}upright": Quantity("Upright, evaluation", "share of roll-out", True),
+}
+
+# Measures of a roll-out without exploration noise, by the columns of starts.csv: how well it
+# tracks, then what the robot does to track. Measures that are not here are no part of any test.
+SUCCESS, COST, LATENCY = "success", "lower_layer_cost", "latency_ms"
+TRACKING_OF_ROLL_OUT = {
+    SUCCESS: Quantity("Success", "share of roll-outs", True),
+    "survival": Quantity("Survival", "share of roll-out", True),
+    "upright": Quantity("Upright", "share of roll-out", True),
+    "upper_body_error_m": Quantity("Upper-body error", "m", False),
+    "lower_body_error_m": Quantity("Lower-body error", "m", False),
+    "upper_body_error_root_m": Quantity("Upper-body error from the pelvis", "m", False),
+    "lower_body_error_root_m": Quantity("Lower-body error from the pelvis", "m", False),
+    "joint_error_rad": Quantity("Joint error", "rad", False),
+    "joint_velocity_error_rad_s": Quantity("Joint velocity error", "rad/s", False),
+    LATENCY: Quantity("Latency", "ms", False),
+}
+EFFORT_OF_ROLL_OUT = {
+    "torque_nm": Quantity("Torque, mean of a joint", "N m", False),
+    "power_w": Quantity("Power, all joints", "W", False),
+}
+COST_OF_ROLL_OUT = {COST: Quantity("Lower-layer cost", "reward a second", False)}
+
+# Formula and unit of the raw value of every term that may stand in the lower layer, as
+# tlr_exp/env/terms.py computes it. N = 23 joints; b: base frame. All of them are better smaller.
+FORMULAS: dict[str, tuple[str, str]] = {
+    keys.BASE_HEIGHT: ("(h_base - h_des)²", "m²"),
+    keys.ANG_VEL_XY: ("‖ω_base,xy‖²", "(rad/s)²"),
+    keys.LIN_VEL_Z: ("v_base,z²", "(m/s)²"),
+    keys.DOF_POS_LIMITS: (
+        "(1/N) Σ_i [max(0, q_i - q_max,i + Δ⁺_i)² + max(0, q_min,i - q_i + Δ⁻_i)²], "
+        "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
+        "rad²",
+    ),
+    keys.DOF_VEL_LIMITS: ("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²"),
+    keys.ACTION_SMOOTHNESS: ("Σ_i (a_i,t - a_i,t-1)²", "1"),
+    keys.TORQUE_LIMITS: ("(1/N) Σ_i max(0, |τ_i| - (1 - ε) τ_max,i)²", "(N m)²"),
+    keys.TORQUES: ("Σ_i τ_i²", "(N m)²"),
+    keys.TERMINATION: ("1 where the step ended the episode by a failure, else 0", "1"),
+}
+
+
+def quantity(metric: str) -> Quantity:
+    """How a metric is shown; metrics without an entry appear under their own name."""
+    return QUANTITIES.get(metric, Quantity(metric, "", True))
+
+
+def quantity_of_roll_out(measure: str) -> Quantity | None:
+    """How a measure of a roll-out is shown; None where it is not known which way is better."""
+    known = TRACKING_OF_ROLL_OUT | EFFORT_OF_ROLL_OUT | COST_OF_ROLL_OUT
+    term = measure.removeprefix(keys.REWARD_TERM_PREFIX)
+    if measure != term and term in FORMULAS:
+        return Quantity(term, FORMULAS[term][1], False)
+    return known.get(measure)

@@ -1,0 +1,45 @@
+"""Mistakes in overrides leave at once, with the keys that exist."""
+
+import pytest
+
+from tlr_exp.config.overrides import explain_mistakes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["ppo.gama=0.9"], ["no key ppo.gama", "Did you mean gamma?", "num_steps"]),
+        (["optimizer=gwoo"], ["optimizer/gwoo", "fixed", "gwo", "random"]),
+        (["sede=1"], ["no key sede", "Did you mean seed?"]),
+        (["seed"], ["seed"]),
+        (["seed=1", "optimizer.pack=3"], ["no key optimizer.pack", "pack_size"]),
+        (["-m", "optimizer=fixed,gwo", "scale.num_env=1,2"], ["no key scale.num_env", "num_envs"]),
+        (["ppo=null"], ["ppo"]),
+        (["-m", "seed=range(3)", "ppo.gama=1"], ["no key ppo.gama"]),
+        (["+sweep=five_sedes"], ["sweep/five_sedes", "five_seeds", "controls"]),
+        (["+sweep=five_seeds", "seed=0,1", "scale=demos"], ["scale/demos", "laptop"]),
+    ],
+)
+def test_a_mistake_leaves_with_an_explanation(arguments, words, capsys):
+    with pytest.raises(SystemExit) as left:
+        explain_mistakes(arguments)
+    assert left.value.code == 2
+    printed = capsys.readouterr().err
+    for word in words:
+        assert word in printed
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["optimizer=fixed", "seed=3"],
+        ["-m", "seed=0,1"],
+        ["-m", "seed=range(3)", "env=glob(*)", "ppo.gamma=choice(0.9,0.99)"],
+        ["+sweep=five_seeds", "seed=0,1"],
+        ["--help"],
+        ["+new.key=1"],
+    ],
+)
+def test_what_is_right_or_hydras_own_passes(arguments):
+    explain_mistakes(arguments)

@@ -1,0 +1,44 @@
+"""The files of a run that was made before: which must still hold what they held."""
+
+import dataclasses
+import hashlib
+
+import pytest
+
+from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
+from tlr_exp.config.past_runs import check_files, with_kept_motion
+from tlr_exp.records.run_directory import RunDirectory
+
+
+@pytest.fixture
+def start(tmp_path):
+    path = tmp_path / "start.pt"
+    path.write_bytes(b"weights")
+    return path
+
+
+@pytest.fixture
+def run(settings_of, tmp_path, start):
+    config = {**dataclasses.asdict(settings_of()), INITIAL: str(start)}
+    return RunDirectory.create(tmp_path / "run", config, {}, files=file_hashes(config))
+
+
+def test_what_a_policy_began_with_matters_only_where_it_is_asked_for(run, start):
+    assert run.manifest["files"][INITIAL] == hashlib.sha256(b"weights").hexdigest()
+    check_files(run, run.config, (MOTION, MODEL, INITIAL))
+    start.write_bytes(b"other weights")
+    check_files(run, run.config)
+    with pytest.raises(ValueError, match=r"start\.pt \(init_from\) is not what run was trained"):
+        check_files(run, run.config, (MOTION, MODEL, INITIAL))
+    start.unlink()
+    check_files(run, run.config)
+    with pytest.raises(ValueError, match=r"start\.pt is not there any more, and run needs it"):
+        check_files(run, run.config, (MOTION, MODEL, INITIAL))
+
+
+def test_the_kept_motion_stands_in_for_a_file_that_is_gone(run, short_clip):
+    assert with_kept_motion(run, run.config) == run.config
+    short_clip.save(run.motion_path)
+    config = with_kept_motion(run, run.config)
+    assert config["env"]["motion"] == str(run.motion_path)
+    check_files(run, config)

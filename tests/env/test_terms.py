@@ -1,0 +1,289 @@
+"""Reward terms: one number each by hand, their ranges, and parity with NumPy loops over bodies."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tlr_exp import keys
+from tlr_exp.env import terms
+from tlr_exp.env.instant import Instant
+from tlr_exp.env.terms import TERMS
+from tlr_exp.motion.reference import ReferenceFrame
+from tlr_exp.robot import g1
+
+GOAL_TERMS = (
+    *(keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL),
+    *(keys.UPPER_BODY_POS, keys.LOWER_BODY_POS, keys.THREE_POINT_POS, keys.FEET_POS),
+    *(keys.JOINT_POS, keys.JOINT_VEL),
+)
+COSTS = tuple(name for name in keys.TERM_NAMES if name not in GOAL_TERMS)
+
+
+def constants_of(name: str) -> dict[str, float]:
+    return dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1)
+
+
+def move(step, bodies: tuple[str, ...], by: tuple[float, float, float]) -> None:
+    for body in bodies:
+        step.state.body_pos_w[:, g1.TRACKED_BODIES.index(body)] += torch.tensor(by)
+
+
+# --- properties of every term ----------------------------------------------------------------
+
+
+def test_every_term_name_has_its_function():
+    assert {name: term.__name__ for name, term in TERMS.items()} == {
+        name: name for name in keys.TERM_NAMES
+    }
+
+
+@pytest.mark.parametrize("name", GOAL_TERMS)
+def test_perfect_tracking_is_worth_exactly_one(name, tracking):
+    assert TERMS[name](tracking(3), **constants_of(name)).tolist() == [1.0] * 3
+
+
+@pytest.mark.parametrize("name", COSTS)
+def test_a_robot_that_stands_still_within_its_limits_costs_nothing(name, tracking):
+    step = tracking(2)
+    step.state.qpos[:, 7:] = 1.0
+    step.state.qvel[:] = 0.0
+    assert TERMS[name](step, **constants_of(name)).tolist() == [0.0] * 2
+
+
+@pytest.mark.parametrize("name", keys.TERM_NAMES)
+def test_goal_terms_lie_within_0_and_1_and_costs_are_not_negative(name, unrelated):
+    result = TERMS[name](unrelated(200), **constants_of(name))
+    assert result.shape == (200,)
+    assert result.dtype == torch.float32
+    assert result.isfinite().all()
+    assert (result >= 0.0).all()
+    assert result.unique().numel() > 1 or name in GOAL_TERMS
+    assert (result <= 1.0).all() or name not in GOAL_TERMS
+
+
+@pytest.mark.parametrize("name", keys.TERM_NAMES)
+def test_environments_do_not_mix(name, unrelated):
+    """What one environment gets does not depend on its neighbours."""
+    step = unrelated(6)
+    whole = TERMS[name](step, **constants_of(name))
+    row = torch.tensor([4])
+    alone = terms.Transition(
+        Instant(step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference))),
+        step.action[row],
+        step.previous_action[row],
+        step.terminated[row],
+        step.limits,
+    )
+    torch.testing.assert_close(TERMS[name](alone, **constants_of(name)), whole[4:5])
+
+
+# --- the upper layer by hand -----------------------------------------------------------------
+
+
+def test_body_pos_by_hand(tracking):
+    # One of 27 bodies is off by (0.3, 0, -0.9) m: (0.09 + 0.81)/(3 * 27) = 1/90 m^2;
+    # exp(-(1/90)/(1/30)) = exp(-1/3).
+    step = tracking()
+    move(step, ("left_knee_link",), by=(0.3, 0.0, -0.9))
+    assert terms.body_pos(step, sigma=1 / 30).item() == pytest.approx(math.exp(-1 / 3), rel=1e-5)
+
+
+def test_body_rot_by_hand(tracking):
+    # Every body turned by 0.5 rad about the world's z axis: mean theta^2 = 0.25; exp(-0.25/0.5).
+    step = tracking()
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.5])
+    for body in range(27):
+        start = Rotation.from_quat(step.reference.body_quat_w[0, body], scalar_first=True)
+        step.state.body_quat_w[0, body] = torch.tensor((turn * start).as_quat(scalar_first=True))
+    assert terms.body_rot(step, sigma=0.5).item() == pytest.approx(math.exp(-0.5), rel=1e-5)
+
+
+def test_body_rot_takes_both_quaternions_of_an_orientation_for_the_same(tracking):
+    step = tracking()
+    step.state.body_quat_w.neg_()
+    assert terms.body_rot(step, sigma=0.5).item() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("term", "field"),
+    [(terms.body_vel, "body_lin_vel_w"), (terms.body_ang_vel, "body_ang_vel_w")],
+)
+def test_body_velocities_by_hand(term, field, tracking):
+    # Each of three bodies is off by (1, -2, 2): 9 each, summed over the axes;
+    # 27/27 bodies = 1; exp(-1/4).
+    step = tracking()
+    getattr(step.state, field)[0, [0, 5, 26]] += torch.tensor([1.0, -2.0, 2.0])
+    assert term(step, sigma=4.0).item() == pytest.approx(math.exp(-0.25), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("term", "inside", "outside", "size"),
+    [
+        (terms.upper_body_pos, "head", "torso_link", 11),
+        (terms.lower_body_pos, "torso_link", "left_hand", 16),
+        (terms.three_point_pos, "right_hand", "right_elbow_link", 3),
+        (terms.feet_pos, "left_ankle_roll_link", "left_ankle_pitch_link", 2),
+    ],
+)
+def test_body_groups_by_hand(term, inside, outside, size, tracking):
+    # One body of the group is off by 0.3 m along one axis: 0.09/(3 * size);
+    # sigma = 0.03/size makes it exp(-1). A body outside the group does not count.
+    step = tracking()
+    move(step, (outside,), by=(1.0, 1.0, 1.0))
+    assert term(step, sigma=0.03 / size).item() == 1.0
+    step = tracking()
+    move(step, (inside,), by=(0.0, 0.3, 0.0))
+    assert term(step, sigma=0.03 / size).item() == pytest.approx(math.exp(-1.0), rel=1e-4)
+
+
+def test_joint_pos_by_hand(tracking):
+    # Two of 23 joints are off by 0.3 and -0.4 rad: (0.09 + 0.16)/23; sigma = 0.125/23: exp(-2).
+    step = tracking()
+    step.state.qpos[0, 7] += 0.3
+    step.state.qpos[0, 29] -= 0.4
+    step.state.qpos[0, :7] += 1.0  # the root is no joint
+    assert terms.joint_pos(step, sigma=0.125 / 23).item() == pytest.approx(math.exp(-2), rel=1e-4)
+
+
+def test_joint_vel_by_hand(tracking):
+    # One joint is off by 2 rad/s: 4/23; sigma = 8/23: exp(-1/2).
+    step = tracking()
+    step.state.qvel[0, 6] += 2.0
+    step.state.qvel[0, :6] += 1.0
+    assert terms.joint_vel(step, sigma=8 / 23).item() == pytest.approx(math.exp(-0.5), rel=1e-4)
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 1000))
+def test_upper_layer_is_a_loop_over_bodies_in_numpy(unrelated, seed):
+    step = unrelated(2, seed)
+    for env in range(2):
+        state, reference = (
+            {name: value[env].double() for name, value in both._asdict().items()}
+            for both in (step.state, step.reference)
+        )
+        errors = {"pos": 0.0, "rot": 0.0, "vel": 0.0, "ang_vel": 0.0}
+        for body in range(27):
+            turn = (
+                Rotation.from_quat(reference["body_quat_w"][body], scalar_first=True)
+                * Rotation.from_quat(state["body_quat_w"][body], scalar_first=True).inv()
+            )
+            errors["rot"] += np.linalg.norm(turn.as_rotvec()) ** 2 / 27
+            for name, field, divisor in (
+                ("pos", "body_pos_w", 81),
+                ("vel", "body_lin_vel_w", 27),
+                ("ang_vel", "body_ang_vel_w", 27),
+            ):
+                for axis in range(3):
+                    gap = reference[field][body, axis] - state[field][body, axis]
+                    errors[name] += float(gap) ** 2 / divisor
+        for name, error in errors.items():
+            found = TERMS[f"body_{name}"](step, sigma=2.0)[env].item()
+            assert found == pytest.approx(math.exp(-error / 2.0), rel=1e-4)
+
+
+# --- the lower layer by hand -----------------------------------------------------------------
+
+
+def test_base_height_by_hand(tracking):
+    # 0.2 m below the reference: 0.04 m^2.
+    step = tracking()
+    step.state.qpos[0, 2] -= 0.2
+    assert terms.base_height(step).item() == pytest.approx(0.04, rel=1e-4)
+
+
+def test_ang_vel_xy_by_hand_is_roll_and_pitch_rate_of_the_base_frame(tracking):
+    # MuJoCo's qvel[3:6] is in the base frame: 3^2 + 4^2 = 25, whichever way the pelvis points.
+    step = tracking()
+    step.state.qvel[0, :6] = torch.tensor([9.0, 9.0, 9.0, 3.0, -4.0, 7.0])
+    assert terms.ang_vel_xy(step).item() == pytest.approx(25.0)
+
+
+def test_lin_vel_z_by_hand_is_along_the_axis_of_a_tilted_base(tracking):
+    # The base is pitched forward by 30 deg about y, so its z axis is (sin 30, 0, cos 30) in the
+    # world: velocity (2, 5, 0) m/s has 2 * 0.5 = 1 m/s along it. Upright it had none.
+    step = tracking(2)
+    half = math.radians(15.0)
+    step.state.qpos[0, 3:7] = torch.tensor([math.cos(half), 0.0, math.sin(half), 0.0])
+    step.state.qpos[1, 3:7] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    step.state.qvel[:, :3] = torch.tensor([2.0, 5.0, 0.0])
+    assert terms.lin_vel_z(step).tolist() == pytest.approx([1.0, 0.0], rel=1e-5)
+
+
+def test_dof_pos_limits_by_hand(tracking):
+    # Range [-1, 3], midpoint 1; margin 0.1 of the half range of 2 rad is 0.2 rad:
+    # free from -0.8 to 2.8. At 2.9: 0.1^2; at 3.5, beyond the limit: 0.7^2; at -1.3: 0.5^2.
+    # (0.01 + 0.49 + 0.25)/23.
+    step = tracking()
+    step.state.qpos[0, 7:] = 0.0
+    step.state.qpos[0, 7:10] = torch.tensor([2.9, 3.5, -1.3])
+    found = terms.dof_pos_limits(step, margin=0.1).item()
+    assert found == pytest.approx(0.75 / 23, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("place", "edges"), [(("qpos", slice(7, None)), (-0.5, 2.5)), (("qvel", slice(6, None)), 7.5)]
+)
+def test_limits_begin_exactly_at_the_edge_of_the_margin(place, edges, tracking):
+    # Margin 0.25: 0.25 * 2 rad before both ends of [-1, 3]; 0.75 * 10 rad/s. Exact in float32.
+    step = tracking()
+    field, columns = place
+    low, high = edges if isinstance(edges, tuple) else (-edges, edges)
+    term = terms.dof_pos_limits if field == "qpos" else terms.dof_vel_limits
+    for edge, beyond in ((low, low - 0.01), (high, high + 0.01)):
+        getattr(step.state, field)[:, columns] = edge
+        assert term(step, margin=0.25).item() == 0.0
+        # All joints 0.01 beyond: the mean is 0.01^2.
+        getattr(step.state, field)[:, columns] = beyond
+        assert term(step, margin=0.25).item() == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_dof_vel_limits_by_hand(tracking):
+    # 10 rad/s, margin 0.1: free up to 9. At -11: 2^2; at 9.5: 0.5^2; 4.25/23.
+    step = tracking()
+    step.state.qvel[0] = 0.0
+    step.state.qvel[0, 6:8] = torch.tensor([-11.0, 9.5])
+    step.state.qvel[0, :6] = 100.0
+    assert terms.dof_vel_limits(step, margin=0.1).item() == pytest.approx(4.25 / 23, rel=1e-4)
+
+
+def test_torque_limits_by_hand(tracking):
+    # 50 N m, margin 0.1: free up to 45. At -50: 5^2; at 46: 1; at 45: 0; 26/23.
+    step = tracking()
+    step.state.joint_torque[0, :3] = torch.tensor([-50.0, 46.0, 45.0])
+    assert terms.torque_limits(step, margin=0.1).item() == pytest.approx(26 / 23, rel=1e-4)
+
+
+def test_limits_are_those_of_each_joint(tracking):
+    step = tracking()
+    step.limits.effort_nm[5] = 100.0
+    step.state.joint_torque[0, :] = 0.0
+    step.state.joint_torque[0, 5] = 90.0
+    assert terms.torque_limits(step, margin=0.1).item() == 0.0
+    step.state.joint_torque[0, 6] = 90.0  # 45 above the others' edge
+    assert terms.torque_limits(step, margin=0.1).item() == pytest.approx(45**2 / 23, rel=1e-4)
+
+
+def test_action_smoothness_by_hand(tracking):
+    # Changes of 0.5 and -2 in two of 23 actions: 0.25 + 4, summed.
+    step = tracking()
+    step.action[0, :2] = torch.tensor([1.5, -1.0])
+    step.previous_action[0, :2] = torch.tensor([1.0, 1.0])
+    assert terms.action_smoothness(step).item() == pytest.approx(4.25)
+
+
+def test_torques_by_hand(tracking):
+    step = tracking()
+    step.state.joint_torque[0, [0, 22]] = torch.tensor([3.0, -4.0])
+    assert terms.torques(step).item() == pytest.approx(25.0)
+
+
+def test_termination_is_one_where_the_episode_failed(tracking):
+    step = tracking(3)
+    step.terminated[1] = True
+    assert terms.termination(step).tolist() == [0.0, 1.0, 0.0]

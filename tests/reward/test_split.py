@@ -1,0 +1,130 @@
+"""RewardSplit: which terms belong where, trajectory returns, and the composed reward."""
+
+import pytest
+import torch
+
+from tlr_exp import keys
+from tlr_exp.reward.split import RewardSplit
+
+
+@pytest.fixture
+def split() -> RewardSplit:
+    return RewardSplit(
+        goal={"body_pos": 1.0, "body_rot": 0.5},
+        optimizing={"base_height": -10.0, "lin_vel_z": -2.0},
+        control_dt_s=0.5,
+    )
+
+
+# One environment, two steps; terms body_pos, body_rot, base_height, lin_vel_z.
+RAW = torch.tensor([[[1.0, 2.0, 0.5, 1.0], [0.0, 4.0, 1.0, 3.0]]])
+
+
+def test_names_are_goal_then_optimizing_in_the_order_given(split: RewardSplit) -> None:
+    assert split.goal_names == ("body_pos", "body_rot")
+    assert split.optimizing_names == ("base_height", "lin_vel_z")
+    assert split.term_names == ("body_pos", "body_rot", "base_height", "lin_vel_z")
+
+
+def test_returns_by_hand(split: RewardSplit) -> None:
+    # goal: 0.5 s * (1.0 * (1 + 0) + 0.5 * (2 + 4)) = 0.5 * 4 = 2
+    # base_height: 0.5 s * -10 * (0.5 + 1.0) = -7.5;  lin_vel_z: 0.5 s * -2 * (1 + 3) = -4
+    goal_return, term_returns = split.returns(RAW)
+    assert goal_return.tolist() == [2.0]
+    assert term_returns.tolist() == [[-7.5, -4.0]]
+
+
+def test_compose_by_hand(split: RewardSplit) -> None:
+    # Weights (0.2, 1):
+    # step 1: 0.5 * (1 * 1 + 0.5 * 2 + 0.2 * -10 * 0.5 + 1 * -2 * 1) = 0.5 * (2 - 1 - 2) = -0.5
+    # step 2: 0.5 * (1 * 0 + 0.5 * 4 + 0.2 * -10 * 1.0 + 1 * -2 * 3) = 0.5 * (2 - 2 - 6) = -3.0
+    reward = split.compose(RAW, torch.tensor([0.2, 1.0]))
+    assert reward.shape == (1, 2, 1)
+    torch.testing.assert_close(reward[0, :, 0], torch.tensor([-0.5, -3.0]))
+
+
+def test_the_composed_reward_sums_to_the_total_return(split: RewardSplit) -> None:
+    generator = torch.Generator().manual_seed(0)
+    raw = torch.rand(5, 24, 4, generator=generator, dtype=torch.float64)
+    weights = torch.rand(2, generator=generator, dtype=torch.float64)
+    goal_return, term_returns = split.returns(raw)
+    assert goal_return.shape == (5,)
+    assert term_returns.shape == (5, 2)
+    torch.testing.assert_close(
+        split.compose(raw, weights).sum(dim=(1, 2)), goal_return + term_returns @ weights
+    )
+
+
+def test_weight_zero_removes_a_term_and_leaves_the_goal(split: RewardSplit) -> None:
+    changed = RAW.clone()
+    changed[..., 2:] = 100.0
+    zero = torch.zeros(2)
+    assert torch.equal(split.compose(RAW, zero), split.compose(changed, zero))
+    # Goal alone: 0.5 * (1 + 0.5 * 2) = 1 and 0.5 * (0 + 0.5 * 4) = 1.
+    assert split.compose(RAW, zero).flatten().tolist() == [1.0, 1.0]
+
+
+def test_results_follow_the_dtype_of_the_terms(split: RewardSplit) -> None:
+    weights = torch.tensor([0.2, 1.0], dtype=torch.float64)
+    for dtype in (torch.float32, torch.float64, torch.float32):
+        goal_return, term_returns = split.returns(RAW.to(dtype))
+        assert goal_return.dtype == term_returns.dtype == dtype
+        assert split.compose(RAW.to(dtype), weights).dtype == dtype
+
+
+def test_composing_changes_neither_the_terms_nor_later_results(split: RewardSplit) -> None:
+    raw = RAW.clone()
+    before = split.returns(raw)
+    split.compose(raw, torch.tensor([0.0, 0.3]))
+    assert torch.equal(raw, RAW)
+    assert all(torch.equal(a, b) for a, b in zip(before, split.returns(raw), strict=True))
+
+
+def test_a_goal_alone_needs_no_weights() -> None:
+    split = RewardSplit(goal={"body_pos": 2.0}, optimizing={}, control_dt_s=0.02)
+    raw = torch.ones(3, 4, 1)
+    goal_return, term_returns = split.returns(raw)
+    torch.testing.assert_close(goal_return, torch.full((3,), 4 * 0.02 * 2.0))
+    assert term_returns.shape == (3, 0)
+    torch.testing.assert_close(split.compose(raw, torch.ones(0)), torch.full((3, 4, 1), 0.04))
+
+
+def test_unknown_names_are_refused_with_the_names_there_are() -> None:
+    with pytest.raises(ValueError, match=r"body_poss.*goal") as error:
+        RewardSplit(goal={"body_poss": 1.0}, optimizing={}, control_dt_s=0.02)
+    assert all(name in str(error.value) for name in keys.TERM_NAMES)
+    with pytest.raises(ValueError, match=r"heigth.*optimizing"):
+        RewardSplit(goal={"body_pos": 1.0}, optimizing={"heigth": -1.0}, control_dt_s=0.02)
+
+
+def test_a_term_in_both_groups_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"\['body_pos'\].*both groups"):
+        RewardSplit(goal={"body_pos": 1.0}, optimizing={"body_pos": 1.0}, control_dt_s=0.02)
+
+
+def test_an_empty_goal_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"'goal' is empty"):
+        RewardSplit(goal={}, optimizing={"base_height": -10.0}, control_dt_s=0.02)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "1e-6", None, True])
+def test_coefficients_that_are_no_finite_number_are_refused(value: object) -> None:
+    with pytest.raises(ValueError, match=r"optimizing\.torques must be a finite number"):
+        RewardSplit({"body_pos": 1.0}, {"torques": value}, 0.02)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("control_dt_s", [0.0, -0.02, float("nan")])
+def test_a_control_step_that_is_not_positive_is_refused(control_dt_s: float) -> None:
+    with pytest.raises(ValueError, match="control_dt_s"):
+        RewardSplit({"body_pos": 1.0}, {}, control_dt_s)
+
+
+def test_shapes_that_do_not_fit_are_refused(split: RewardSplit) -> None:
+    with pytest.raises(ValueError, match=r"expected \[num_envs, num_steps, 4\].*lin_vel_z"):
+        split.returns(torch.zeros(2, 3, 5))
+    with pytest.raises(ValueError, match=r"shape \(3, 4\)"):
+        split.returns(torch.zeros(3, 4))
+    with pytest.raises(ValueError, match=r"weights have shape \(4,\), expected \(2,\)"):
+        split.compose(RAW, torch.ones(4))
+    with pytest.raises(ValueError, match="floating point"):
+        split.returns(torch.zeros(2, 3, 4, dtype=torch.int64))

@@ -1,0 +1,97 @@
+"""What is tried before a run is made, and which errors are told without a traceback."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tlr_exp.config.load import ConfigError, instantiate
+from tlr_exp.motion.clip import clip_from_qpos
+from tlr_exp.records.metrics_file import DamagedMetricsError
+from tlr_exp.training.run import check_inputs, check_lower_layer, check_world, print_error
+
+
+def break_down(**arguments):
+    """A part with a mistake of its own."""
+    return len(arguments["num_terms"])
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["optimizer=effective_dimension", "optimizer.rest=2.0"], "rest"),
+        (["optimizer=effective_dimension", "optimizer.levels=3"], "levels"),
+        (["optimizer=effective_dimension", "optimizer.inner.pack_size=2"], "pack_size"),
+        (["optimizer=ospo", "optimizer.elites=50"], "elites"),
+        (["optimizer=curriculum", "optimizer.initial=2.0"], "initial"),
+        (["+optimizer.colour=1"], "colour"),
+    ],
+)
+def test_what_only_an_optimizer_refuses_is_a_mistake_of_the_configuration(
+    settings_of, overrides, words
+):
+    with pytest.raises(ConfigError, match=words):
+        check_inputs(settings_of(*overrides))
+
+
+def test_a_package_that_is_missing_is_told_before_a_run_is_made(settings_of, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mealpy", None)
+    with pytest.raises(ConfigError, match=r"pip install -e '\.\[mealpy\]'"):
+        check_lower_layer(settings_of("optimizer=mealpy"))
+
+
+def test_more_start_phases_than_the_motion_has_steps_are_refused(settings_of):
+    check_world(settings_of("scale.evaluate_starts=39"))
+    with pytest.raises(ConfigError, match="evaluate_starts is 40; the motion has only 39 steps"):
+        check_world(settings_of("scale.evaluate_starts=40"))
+
+
+@pytest.mark.parametrize(
+    ("frames", "fps", "words"),
+    [
+        # 11 frames at 200 Hz last 50 ms: at 50 Hz these are frames 0, 20 and 40 ms.
+        (11, 200.0, r"only 3 frames at the control rate of 50 Hz, and 5 are needed"),
+        (3, 200.0, r"T >= 2"),
+    ],
+)
+def test_frames_count_at_the_rate_of_the_control(
+    settings_of, robot, short_clip, tmp_path, frames, fps, words
+):
+    path = tmp_path / "fast.npz"
+    clip_from_qpos(np.array(short_clip.qpos[:frames]), fps, robot).save(path)
+    settings = settings_of("env.reference_lead=3")
+    check_world(settings)
+    settings.env.motion = str(path)
+    with pytest.raises(ConfigError, match=words):
+        check_world(settings)
+
+
+def test_a_part_that_breaks_is_told_with_its_traceback_and_a_wrong_key_without(capsys):
+    for node, traceback in (
+        ({"_target_": f"{__name__}.break_down"}, True),
+        ({"_target_": "tlr_exp.optimizer.zero.ZeroWeights", "colour": 1}, False),
+    ):
+        with pytest.raises(ConfigError) as error:
+            instantiate(node, num_terms=6, objective=None)
+        print_error(error.value)
+        printed = capsys.readouterr().err
+        assert str(error.value) in printed
+        assert ("in break_down" in printed) is traceback
+        assert ("Traceback" in printed) is traceback
+
+
+def test_failures_of_a_training_are_explained_and_others_are_not(capsys):
+    import tlr_exp.training.loop  # noqa: F401  # whose failures they are
+
+    print_error(DamagedMetricsError("metrics.jsonl, line 3: no metrics"))
+    assert capsys.readouterr().err == "metrics.jsonl, line 3: no metrics\n"
+    print_error(KeyError("a bug"))
+    assert "KeyError: 'a bug'" in capsys.readouterr().err
+
+
+def test_pytorch_is_not_loaded_before_the_configuration_is_checked():
+    heavy = "{'torch', 'mujoco', 'mlflow'}"
+    script = f"import sys, tlr_exp.commands.train; print(*{heavy} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "\n", done

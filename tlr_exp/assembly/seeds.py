@@ -1,0 +1,22 @@
+"""The random streams of a run, one for each part that draws."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Independent random streams of one run, all from its seed."""
+
+    env: int
+    networks: int
+    exploration: int
+    minibatches: int
+    weights: int
+
+    @classmethod
+    def of(cls, seed: int) -> "Seeds":
+        # 63 bits: the largest seed that both torch and NumPy take.
+        states = np.random.SeedSequence(seed).generate_state(5, dtype=np.uint64) >> np.uint64(1)
+        return cls(*(int(state) for state in states))

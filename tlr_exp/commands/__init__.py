@@ -1,0 +1,1 @@
+"""The commands: they read arguments, wire the parts and print."""

@@ -1,0 +1,101 @@
+"""tlr-export-policy: a trained policy by itself, small enough to be kept with a project."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
+from tlr_exp.records.outputs import add_force
+
+__all__ = ["main"]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; returns the exit status: 0, or 2 for an error told in one line."""
+    show_any_text()
+    refuse_without_docstrings("tlr-export-policy")
+    options = _parser().parse_args(arguments)
+    try:
+        _export(options)
+    except (ValueError, OSError) as error:
+        print(f"tlr-export-policy: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _export(options: argparse.Namespace) -> None:
+    """Write the form that the suffix of the output means.
+
+    Raises:
+        ValueError, OSError: no such form; or as the form's own function.
+    """
+    output: Path = options.output
+    if output.suffix not in ("", ".onnx"):
+        raise ValueError(
+            f"{output}: there is no form of a policy for the suffix {output.suffix!r}; a name "
+            "without a suffix is written as a folder, one that ends in .onnx as one file"
+        )
+    if output.suffix == ".onnx":
+        _export_onnx(options)
+    else:
+        _export_folder(options)
+
+
+def _export_onnx(options: argparse.Namespace) -> None:
+    missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
+    if missing:
+        raise ValueError(f"{' and '.join(missing)} missing: pip install '.[onnx]' in the checkout")
+    from tlr_exp.evaluation.choosing import choose
+    from tlr_exp.export.onnx_file import write_onnx
+
+    choice = choose(options.run, options.checkpoint)
+    difference = write_onnx(choice, options.output, options.force)
+    size = options.output.stat().st_size
+    print(
+        f"wrote {options.output}: {choice.run.name}, iteration {choice.iteration}, "
+        f"{size / 1e6:.1f} MB; its actions are PyTorch's to {difference:.0e}"
+    )
+
+
+def _export_folder(options: argparse.Namespace) -> None:
+    output: Path = options.output
+    # After what can be checked at once: it loads PyTorch and MuJoCo, which takes seconds.
+    from tlr_exp.export.folder import check_output, write_folder
+
+    check_output(output, options.force)
+    from tlr_exp.evaluation.choosing import choose
+
+    choice = choose(options.run, options.checkpoint)
+    write_folder(choice, output, options.force)
+    size = sum(file.stat().st_size for file in output.rglob("*") if file.is_file())
+    print(f"wrote {output}: {choice.run.name}, iteration {choice.iteration}, {size / 1e6:.1f} MB")
+    print(f"watch it   tlr-evaluate {output} --web")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tlr-export-policy",
+        description="Write the policy of a run as a folder of about 2 MB that tlr-evaluate takes "
+        "like the run, wherever it lies: configuration, motion, the network that acts with what "
+        "normalises its input, and where it comes from. It names no people, machines or places, "
+        "and cannot be trained further. Or as an ONNX file with the reference and all that a "
+        "controller needs.",
+    )
+    parser.add_argument("run", type=Path, metavar="RUN", help="run directory, or a checkpoint file")
+    parser.add_argument(
+        *("-o", "--output"),
+        type=Path,
+        required=True,
+        metavar="PATH",
+        help="the folder to write; or NAME.onnx, one file for a controller (docs/deploy.md)",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        metavar="best|last|ITERATION",
+        help="which checkpoint (default: best, where there is one)",
+    )
+    add_force(parser, "an exported policy, and evaluations in its folder")
+    return parser

@@ -1,0 +1,1 @@
+"""From the words of YAML and of a command to checked settings."""

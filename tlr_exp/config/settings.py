@@ -1,0 +1,148 @@
+"""The type of every configuration group. The values stand in ``conf/``, each once.
+
+Plain dataclasses without defaults: this module imports nothing heavy, so that a mistake in a
+configuration is found before anything that takes seconds is loaded.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass
+class TerminationSettings:
+    """Limits beyond which an episode has failed.
+
+    Attributes:
+        max_tilt: largest |x| or |y| component of the projected gravity (1 = lying down).
+        distance_start_m: largest distance of a tracked body from its reference, at first.
+        distance_end_m: the same once it has tightened.
+        tighten_rate: share by which the limit changes in one control step.
+        tighten_above_steps: it shrinks while the mean episode is longer than this.
+        loosen_below_steps: it grows back while the mean episode is shorter than this.
+    """
+
+    max_tilt: float
+    distance_start_m: float
+    distance_end_m: float
+    tighten_rate: float
+    tighten_above_steps: float
+    loosen_below_steps: float
+
+
+@dataclass
+class ResetNoise:
+    """Half-widths of the uniform noise on the state that is copied from the reference.
+
+    Units: m, rad, m/s, rad/s, rad, rad/s; zero everywhere leaves the reference as it is.
+    """
+
+    root_pos_m: float
+    root_rot_rad: float
+    root_lin_vel: float
+    root_ang_vel: float
+    joint_pos_rad: float
+    joint_vel: float
+
+
+@dataclass
+class RobotSettings:
+    """Which model: PD gains, contacts, and a model file of the user's own (or null)."""
+
+    mjcf: str | None
+    gains: str
+    collisions: str
+
+
+@dataclass
+class EnvSettings:
+    """The motion-tracking environment; see ``tlr_exp.env.tracking.TrackingEnv``."""
+
+    motion: str
+    robot: RobotSettings
+    observation: str
+    action: str
+    reference_lead: int
+    start_phase: str
+    reset_noise: ResetNoise
+    termination: TerminationSettings
+
+
+@dataclass
+class RewardSettings:
+    """Coefficients of the two layers, constants inside the terms, and the objective J.
+
+    Attributes:
+        goal: coefficient of each upper-layer term.
+        optimizing: coefficient of each lower-layer term, which the weights in [0, 1] multiply.
+        penalty_scale: multiplies the coefficients of all lower-layer terms.
+        parameters: constants of the terms, by term.
+        objective: what the weight optimizer minimises (``_target_`` and its settings).
+    """
+
+    goal: dict[str, float]
+    optimizing: dict[str, float]
+    penalty_scale: float
+    parameters: dict[str, dict[str, float]]
+    objective: dict[str, Any]
+
+
+@dataclass
+class PpoSettings:
+    """Proximal policy optimisation; ``conf/ppo/paper.yaml`` explains each value."""
+
+    num_steps: int
+    num_epochs: int
+    num_minibatches: int
+    gamma: float
+    gae_lambda: float
+    clip_epsilon: float
+    value_clip: float
+    critic_coeff: float
+    entropy_coeff: float
+    max_grad_norm: float
+    learning_rate: float
+    final_learning_rate: float | None
+    decay_from: float
+    min_learning_rate: float
+    max_learning_rate: float
+    target_kl: float | None
+    normalize_observations: bool
+    hidden_sizes: list[int]
+    activation: str
+    initial_std: float
+
+
+@dataclass
+class ScaleSettings:
+    """How much is trained, kept and evaluated, and what a run of this size is evidence for."""
+
+    name: str
+    num_envs: int
+    iterations: int
+    evaluate_every: int
+    evaluate_starts: int
+    checkpoint_every: int
+    keep_checkpoints: int
+    evidence: str
+
+
+@dataclass
+class Settings:
+    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``)."""
+
+    recipe: str
+    env: EnvSettings
+    physics: dict[str, Any]
+    reward: RewardSettings
+    optimizer: dict[str, Any]
+    ppo: PpoSettings
+    scale: ScaleSettings
+    seed: int
+    device: str
+    num_threads: int
+    precision: str
+    study: str
+    runs_dir: str
+    resume: str
+    init_from: str | None
+    tracking_uri: str

@@ -1,0 +1,1 @@
+"""The environment: physics, motion and pure functions of the instant; it knows no weights."""

@@ -1,1 +1,0 @@
-"""The Markov decision process: pure, batched functions, one per term."""

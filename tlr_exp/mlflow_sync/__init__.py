@@ -1,0 +1,1 @@
+"""What brings records into MLflow; mlflow itself in store.py alone."""

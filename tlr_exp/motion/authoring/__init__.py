@@ -1,0 +1,1 @@
+"""From keyframes to a clip by inverse kinematics."""

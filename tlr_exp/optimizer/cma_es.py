@@ -1,0 +1,118 @@
+"""Covariance matrix adaptation (Hansen's CMA-ES), by the library cmaes."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from cmaes import CMA, SepCMA
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tlr_exp.optimizer.base import SearchResult, check_flag, check_integer, check_number
+from tlr_exp.optimizer.pack import PackOptimizer, PackSearch, best_first
+
+_NUM_SEEDS = 2**32  # what NumPy's RandomState takes
+
+
+def cma_search(
+    objective_fn: Callable[[Tensor], Tensor],
+    task: PackSearch,
+    initial_std: float,
+    separable: bool,
+    resampling: int,
+) -> SearchResult:
+    """Minimise a function over a box.
+
+    The search runs in the unit cube. The mean starts at a uniform position, the standard deviation
+    at `initial_std` (0.3 of the box is Hansen's advice). A sample outside the cube is drawn anew
+    up to `resampling` times by the library, then clipped; with the minimum in a corner nearly
+    every draw lies outside, so a large number only costs time. When the library says that the
+    distribution has converged or that all values are the same, it starts anew from another
+    uniform mean with what is left of the generations.
+
+    The library's random numbers come from a generator of its own, made anew at every start from a
+    seed that `generator` draws. So the state of `generator` is all that a continuation needs.
+
+    Args:
+        objective_fn: positions [pack, dims] -> values [pack].
+        task: a generation has at least 4 samples; the tie-break is the order in which equally good
+            ones are ranked; `start` [1, dims] is the first mean instead of a uniform one. The
+            distribution itself is float64 on the CPU, whatever the box.
+        initial_std: standard deviation at a start, share of the box.
+        separable: adapt the diagonal alone (sep-CMA-ES, Ros and Hansen 2008), for many dimensions.
+        resampling: see above.
+
+    Raises:
+        ValueError: a value is not a number.
+    """
+    tally = task.tally(objective_fn)
+    lower, width, start = task.lower, task.upper - task.lower, task.start
+    # One weight has no covariance to leave out, and the library refuses it.
+    kind = SepCMA if separable and len(lower) > 1 else CMA
+    bounds = np.tile([0.0, 1.0], (len(lower), 1))
+    mean = None if start is None else ((start[0] - lower) / width).cpu().double().numpy()
+    distribution = None
+    pack, values = lower[None], lower[:1]
+    for _ in range(task.iterations + 1):
+        if distribution is None or distribution.should_stop():
+            seed, uniform = _draw(lower, task.generator)
+            distribution = kind(
+                mean=uniform if mean is None else mean,
+                sigma=initial_std,
+                bounds=bounds,
+                n_max_resampling=resampling,
+                seed=seed,
+                population_size=task.pack_size,
+            )
+            mean = None
+        samples = np.stack([distribution.ask() for _ in range(task.pack_size)])
+        pack = (lower + width * torch.from_numpy(samples).to(lower)).clamp(lower, task.upper)
+        values = tally(pack)
+        order = best_first(pack, values, task.tie_break).tolist()
+        distribution.tell([(samples[i], values[i].item()) for i in order])
+    return tally.result(pack, values)
+
+
+class CmaEs(PackOptimizer):
+    """Weights that minimise the objective, by CMA-ES in every iteration.
+
+    Args:
+        pack_size: samples of a generation, at least 4.
+        warm_start: the mean starts at the last iteration's weights.
+        initial_std: standard deviation at a start, share of the box, above 0, at most 1.
+        separable: adapt the diagonal of the covariance alone.
+        resampling: how often a sample outside the box is drawn anew before it is clipped.
+        Others: see `PackOptimizer`.
+
+    Raises:
+        ValueError: a setting outside its range.
+    """
+
+    min_pack_size = 4
+    why_min_pack_size = "half of the samples make the new mean"
+
+    def __init__(
+        self,
+        *arguments: Any,
+        initial_std: float = 0.3,
+        separable: bool = False,
+        resampling: int = 5,
+        **settings: Any,
+    ) -> None:
+        super().__init__(*arguments, **settings)
+        check_number("initial_std", initial_std, 1e-6, 1.0)
+        check_flag("separable", separable)
+        check_integer("resampling", resampling, 1)
+        self.algorithm = partial(
+            cma_search, initial_std=initial_std, separable=separable, resampling=resampling
+        )
+
+
+def _draw(lower: Tensor, generator: torch.Generator) -> tuple[int, NDArray[np.float64]]:
+    """A seed for the library and a uniform mean in the unit cube [dims]."""
+    device = generator.device
+    seed = torch.randint(_NUM_SEEDS, (1,), generator=generator, device=device).item()
+    mean = torch.rand(len(lower), generator=generator, device=device, dtype=torch.float64)
+    return int(seed), mean.cpu().numpy()

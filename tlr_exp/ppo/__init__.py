@@ -1,0 +1,1 @@
+"""The learner: networks, advantages, the clipped update."""

@@ -1,0 +1,1 @@
+"""The two layers of the reward, and what the lower one is judged by."""

@@ -1,0 +1,1 @@
+"""What a robot is, and the MuJoCo model made from it."""
