@@ -104,6 +104,9 @@ EPISODE_LENGTH = "train/episode_length"
 TRAIN_UPPER_BODY_ERROR = "train/upper_body_error_m"
 TRAIN_LOWER_BODY_ERROR = "train/lower_body_error_m"
 TRAIN_JOINT_ERROR = "train/joint_error_rad"
+# Each half second after a reset counts alike (tlr_exp/training/episodes.py).
+TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES = "train/upper_body_error_at_equal_ages_m"
+TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES = "train/lower_body_error_at_equal_ages_m"
 UNSTABLE_ENVS = "train/unstable_envs"
 DISTANCE_LIMIT = "train/distance_limit_m"  # beyond which a body ends an episode
 OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)

@@ -27,6 +27,12 @@ QUANTITIES = {
     keys.TRAIN_UPPER_BODY_ERROR: Quantity("Upper-body error", "m", False),
     keys.TRAIN_LOWER_BODY_ERROR: Quantity("Lower-body error", "m", False),
     keys.TRAIN_JOINT_ERROR: Quantity("Joint error", "rad", False),
+    keys.TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES: Quantity(
+        "Upper-body error at equal times since reset", "m", False
+    ),
+    keys.TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES: Quantity(
+        "Lower-body error at equal times since reset", "m", False
+    ),
     f"{keys.EVAL_PREFIX}upper_body_error_m": Quantity("Upper-body error, evaluation", "m", False),
     f"{keys.EVAL_PREFIX}lower_body_error_m": Quantity("Lower-body error, evaluation", "m", False),
     f"{keys.EVAL_PREFIX}joint_error_rad": Quantity("Joint error, evaluation", "rad", False),

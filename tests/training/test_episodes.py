@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tlr_exp.keys import Ending
-from tlr_exp.training.episodes import EpisodeLengths, ending_shares
+from tlr_exp.training.episodes import AGE_BANDS, EpisodeLengths, ending_shares, mean_at_equal_ages
 
 
 def done(*rows: str) -> torch.Tensor:
@@ -26,6 +26,37 @@ def test_two_batches_by_hand():
     assert sorted(episodes.last) == [1, 2, 2, 3, 8]
     assert episodes.mean_length == pytest.approx(16 / 5)
     assert episodes.running.tolist() == [3, 0, 5]
+
+
+def test_the_age_of_a_step_counts_from_its_reset():
+    episodes = EpisodeLengths(num_envs=2)
+    assert episodes.add(done(".xx.", "....")).tolist() == [[1, 2, 1, 1], [1, 2, 3, 4]]
+    assert episodes.add(done("x...", "...x")).tolist() == [[2, 1, 2, 3], [5, 6, 7, 8]]
+
+
+def test_every_half_second_counts_alike_however_many_robots_are_in_it():
+    age = torch.tensor([1, 25, 2, 26, 51, 100])
+    error = torch.tensor([0.1, 0.3, 0.2, 0.4, 0.6, 0.8])  # means 0.2, 0.4, 0.6, 0.8
+    assert mean_at_equal_ages(error[None], age[None]) == pytest.approx(0.5)
+
+
+def test_later_steps_do_not_count_and_missing_ones_leave_no_mean():
+    age = torch.tensor([[10, 30, 60, 90, 101]])
+    error = torch.tensor([[1.0, 1.0, 1.0, 1.0, 9.0]])
+    assert mean_at_equal_ages(error, age) == pytest.approx(1.0)
+    assert math.isnan(mean_at_equal_ages(error[:, :3], age[:, :3]))
+
+
+def test_an_error_that_only_grows_with_age_is_the_same_for_long_and_for_short_episodes():
+    def standardised(length: int) -> tuple[float, float]:
+        age = torch.arange(1200).reshape(1, -1) % length + 1
+        error = 0.001 * age
+        return mean_at_equal_ages(error, age), error.mean().item()
+
+    (short, short_mean), (long, long_mean) = standardised(100), standardised(200)
+    assert short == pytest.approx(long)
+    assert long_mean > 1.5 * short_mean
+    assert AGE_BANDS[-1][1] == 100
 
 
 def test_before_any_episode_has_ended_the_running_ones_count():

@@ -17,7 +17,7 @@ from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, Weight
 from tlr_exp.ppo.learner import Ppo, PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.training.episodes import EpisodeLengths, ending_shares
+from tlr_exp.training.episodes import EpisodeLengths, ending_shares, mean_at_equal_ages
 
 
 class Trainer:
@@ -61,7 +61,7 @@ class Trainer:
         with self._timed("collect"):
             batch = self.collect()
         self.env_steps += batch.numel()
-        self.episodes.add(batch["next", keys.DONE].squeeze(-1))
+        ages = self.episodes.add(batch["next", keys.DONE].squeeze(-1))
         terms = batch["next", keys.REWARD_TERMS]
         returns = self.split.returns(terms)
         mean_terms = _mean_terms(self.split.term_names, terms)
@@ -75,7 +75,8 @@ class Trainer:
             diagnostics = self.ppo.update(batch, progress)
         with self._timed("landscape"):
             box_share = self.box_sample.optimal_share(*returns, found.objective)
-        return self._metrics(batch, mean_terms, found, box_share, diagnostics)
+        learned = self._metrics(batch, mean_terms, found, box_share, diagnostics)
+        return {**learned, **_errors_at_equal_ages(batch, ages)}
 
     def _progress(self, mean_terms: Mapping[str, float], num_steps: int) -> TrainingProgress:
         """What a weight optimizer may know of the training besides the returns."""
@@ -136,6 +137,17 @@ class Trainer:
         self.weight_optimizer.load_state_dict(state["weight_optimizer"])
         self.episodes.load_state_dict(state["episodes"])
         self.env_steps = state["env_steps"]
+
+
+def _errors_at_equal_ages(batch: TensorDictBase, ages: Tensor) -> dict[str, float]:
+    errors = {
+        keys.TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES: keys.UPPER_BODY_ERROR,
+        keys.TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES: keys.LOWER_BODY_ERROR,
+    }
+    return {
+        metric: mean_at_equal_ages(batch["next", error].squeeze(-1).cpu(), ages)
+        for metric, error in errors.items()
+    }
 
 
 def _mean_terms(names: tuple[str, ...], reward_terms: Tensor) -> dict[str, float]:
