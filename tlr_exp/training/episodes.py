@@ -7,7 +7,6 @@ from torch import Tensor
 
 from tlr_exp.keys import Ending
 
-
 # Control steps after a reset, beyond the first number and up to the second.
 AGE_BANDS = ((0, 25), (25, 50), (50, 75), (75, 100))
 
