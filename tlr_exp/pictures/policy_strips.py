@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tlr_exp.evaluation.distances import body_distance, tilt
 from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
+from tlr_exp.motion.checks import same_motion
 from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.render import render_frames
 from tlr_exp.robot.model import Robot
@@ -121,7 +122,7 @@ def _check(rows: Sequence[StripRow], columns: int) -> None:
         raise ValueError("a strip needs at least one policy")
     first = rows[0].trajectory
     for row in rows[1:]:
-        if not np.array_equal(row.trajectory.reference_qpos, first.reference_qpos):
+        if not same_motion(row.trajectory.reference_qpos, first.reference_qpos):
             raise ValueError(f"{row.label!r} and {rows[0].label!r} have different references")
     if not 1 <= columns <= first.num_steps:
         raise ValueError(f"columns is {columns}; the motion has 1 to {first.num_steps} moments")

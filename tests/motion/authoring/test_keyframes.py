@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 import tlr_exp.motion.authoring.keyframes as keyframes
 from tlr_exp.motion.authoring.balance import GRAVITY
@@ -127,6 +129,16 @@ def test_the_cache_is_in_the_home_by_default(robot, short, tmp_path, monkeypatch
 
 def test_same_script_same_bits(robot):
     np.testing.assert_array_equal(build_clip(SHORT, robot).qpos, build_clip(SHORT, robot).qpos)
+
+
+@pytest.mark.slow
+def test_the_threads_of_linear_algebra_change_no_bit(robot):
+    text = (files("tlr_exp.motion.clips") / "gym_motion.yaml").read_text(encoding="utf-8")
+    clips = []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            clips.append(build_clip(text, robot))
+    assert np.array_equal(clips[0].qpos, clips[1].qpos)
 
 
 def test_building_a_clip_does_not_load_jax(short, tmp_path):

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tlr_exp.assembly.environment import build_clip, build_robot_of
 from tlr_exp.commands.evaluate.strip_rows import picture_size, row_of
 from tlr_exp.evaluation.choosing import Choice, choose
 from tlr_exp.evaluation.policies import evaluate
+from tlr_exp.motion.checks import same_motion
 from tlr_exp.pictures.graphics import graphics_backend
 from tlr_exp.pictures.media import write_image
 from tlr_exp.pictures.policy_strips import policy_strip
@@ -138,7 +137,7 @@ def check_one_motion(choices: Sequence[Choice]) -> None:
                 f"a strip needs one robot: {first.run.name} has {ours.robot.mjcf or 'the G1'}, "
                 f"{other.run.name} has {theirs.robot.mjcf or 'the G1'}"
             )
-        if ours.reference_lead != theirs.reference_lead or not np.array_equal(
+        if ours.reference_lead != theirs.reference_lead or not same_motion(
             reference, build_clip(theirs, robot).qpos
         ):
             raise ValueError(

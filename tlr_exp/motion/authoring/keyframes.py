@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tlr_exp.motion.authoring.balance import (
     GRAVITY,
@@ -70,8 +71,11 @@ def load_motion(name_or_path: str | Path, robot: Robot) -> MotionClip:
         raise KeyframeError(f"{name_or_path}: {error}") from error
 
 
+# The threads of a linear-algebra library add in another order than one does: one thread makes the
+# same bits wherever a motion is built.
+@threadpool_limits.wrap(limits=1)
 def build_clip(text: str, robot: Robot) -> MotionClip:
-    """Turn the text of a keyframe file into a clip.
+    """Turn the text of a keyframe file into a clip; the same bits at any number of threads.
 
     Args:
         text: YAML.
