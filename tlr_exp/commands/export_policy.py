@@ -78,7 +78,7 @@ def _export_folder(options: argparse.Namespace) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-export-policy",
-        description="Write the policy of a run as a folder of about 2 MB that tlr-evaluate takes "
+        description="Write the policy of a run as a folder of about 1 MB that tlr-evaluate takes "
         "like the run, wherever it lies: configuration, motion, the network that acts with what "
         "normalises its input, and where it comes from. It names no people, machines or places, "
         "and cannot be trained further. Or as an ONNX file with the reference and all that a "
