@@ -16,7 +16,7 @@ from torch import Tensor
 
 from analysis.figures import style
 from benchmarks.optimizers.record_landscapes import ITERATIONS, PATH
-from tlr_exp.optimizer.gwo import GreyWolfOptimizer
+from benchmarks.optimizers.searches import configured
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import RankDeviation
 
@@ -123,7 +123,7 @@ def returned_figure(batch: Batch, names: list[str]) -> Figure:
     figure, axes = style.new_figure(style.TWO_COLUMNS_IN, 2.6, columns=2, sharey=True)
     for panel, tie_break in enumerate(("first", "largest_norm")):
         found = [
-            GreyWolfOptimizer(len(names), RankDeviation(), seed, tie_break=tie_break).update(*batch)
+            configured("gwo", len(names), RankDeviation(), seed, tie_break=tie_break).update(*batch)
             for seed in range(SEARCHES)
         ]
         weights = torch.stack([update.weights for update in found]).numpy()

@@ -17,6 +17,7 @@ import torch
 from pytest_benchmark.fixture import BenchmarkFixture
 from torch import Tensor
 
+from benchmarks.optimizers.searches import configured
 from tlr_exp.optimizer.gwo import GreyWolfOptimizer
 from tlr_exp.reward.objectives import Objective, RankDeviation
 
@@ -62,7 +63,7 @@ def trajectories(kind: str) -> tuple[Tensor, Tensor]:
 
 
 def optimizer(objective: Objective) -> GreyWolfOptimizer:
-    return GreyWolfOptimizer(NUM_TERMS, objective, seed=0, pack_size=30, iterations=50)
+    return configured("gwo", NUM_TERMS, objective, seed=0)
 
 
 @pytest.mark.parametrize("kind", PENALTY_SCALE)

@@ -1,18 +1,20 @@
 """The searches that are compared, each with the same budget and from its own seed."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
 
 import numpy as np
 from hydra import compose, initialize_config_module
 from mealpy import FloatVar
 from mealpy.swarm_based.GWO import OriginalGWO
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from scipy.optimize import differential_evolution
 from torch import Tensor, from_numpy
 
 from benchmarks.optimizers.problems import Problem
 from tlr_exp.config.load import CONFIG_PATH, instantiate
-from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.reward.objectives import Objective, RankDeviation
 
 PACK_SIZE, ITERATIONS = 30, 50
 BUDGET = PACK_SIZE * (ITERATIONS + 1)
@@ -24,18 +26,33 @@ OURS = (
 Search = Callable[[Problem, int], float]
 
 
+@cache
+def _settings(choice: str) -> DictConfig:
+    with initialize_config_module(CONFIG_PATH.removeprefix("pkg://"), version_base="1.3"):
+        return compose("config", [f"optimizer={choice}"]).optimizer
+
+
+def configured(
+    choice: str, num_terms: int, objective: Objective, seed: int, **settings: Any
+) -> Any:  # a WeightOptimizer, most of them with more
+    """An optimizer of `conf/optimizer`, in which `settings` replace those of its file."""
+    return instantiate(
+        OmegaConf.merge(_settings(choice), settings),  # type: ignore[arg-type]
+        num_terms=num_terms,
+        objective=objective,
+        seed=seed,
+        device="cpu",
+    )
+
+
 def ours(choice: str) -> Search:
     """An optimizer of `conf/optimizer` with its own settings; the error that it reaches."""
-    with initialize_config_module(CONFIG_PATH.removeprefix("pkg://"), version_base="1.3"):
-        config = compose("config", [f"optimizer={choice}"]).optimizer
 
     def search(problem: Problem, seed: int) -> float:
-        box = {"lower": problem.lower, "upper": problem.upper}
-        wrapped = {"inner": box, "rest": problem.upper}
-        settings = OmegaConf.merge(config, wrapped if "inner" in config else box)
-        optimizer = instantiate(
-            settings, num_terms=problem.dims, objective=RankDeviation(), seed=seed
-        )
+        settings = box = {"lower": problem.lower, "upper": problem.upper}
+        if "inner" in _settings(choice):
+            settings = {"inner": box, "rest": problem.upper}
+        optimizer = configured(choice, problem.dims, RankDeviation(), seed, **settings)
         return optimizer.search(problem.value).value
 
     return search

@@ -8,25 +8,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.optimizer.pack import PackSearch
+from tlr_exp.optimizer.search import SearchTask
 
 
-def box_search(
-    lower: float,
-    upper: float,
-    dims: int,
-    pack_size: int = 30,
-    iterations: int = 50,
-    seed: int = 0,
-    **settings: Any,
-) -> PackSearch:
+def box(lower: float, upper: float, dims: int, seed: int = 0, **settings: Any) -> SearchTask:
     """What a search is told over [lower, upper]^dims, in float64."""
-    return PackSearch(
-        torch.full((dims,), lower, dtype=torch.float64),
-        torch.full((dims,), upper, dtype=torch.float64),
-        pack_size,
-        iterations,
-        torch.Generator().manual_seed(seed),
+    return SearchTask(
+        lower=torch.full((dims,), lower, dtype=torch.float64),
+        upper=torch.full((dims,), upper, dtype=torch.float64),
+        generator=torch.Generator().manual_seed(seed),
         **settings,
     )
 

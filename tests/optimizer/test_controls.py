@@ -5,22 +5,23 @@ from typing import Any
 
 import pytest
 import torch
+from configured import make
 from landscapes import Recorder, uneven_bowl
 
 from tlr_exp.config.load import instantiate
-from tlr_exp.optimizer.curriculum import PenaltyCurriculum
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.optimizer.random_search import random_search
-from tlr_exp.optimizer.zero import ZeroWeights
+from tlr_exp.optimizer.search import SearchTask
 from tlr_exp.reward.objectives import RankDeviation
 
+OBJECTIVE = RankDeviation(0.34)
 GOAL_RETURN = torch.tensor([3.0, 2.0, 1.0])
 TERM_RETURNS = torch.tensor([[-1.0, -1.5], [0.0, 0.0], [0.0, 0.0]])
 
 
 def test_without_a_lower_layer_no_rank_changes() -> None:
     # At the weights 1 the candidate falls to rank 3: ((1 - 3) / 100)^2.
-    update = ZeroWeights(2, RankDeviation(0.34)).update(GOAL_RETURN, TERM_RETURNS)
+    update = make("zero", num_terms=2, objective=OBJECTIVE).update(GOAL_RETURN, TERM_RETURNS)
     assert update.weights.tolist() == [0.0, 0.0]
     assert update.objective == 0.0
     assert update.baseline_objective == 0.0004
@@ -30,7 +31,10 @@ def test_without_a_lower_layer_no_rank_changes() -> None:
 def test_random_search_is_the_best_of_its_uniform_draws() -> None:
     recorder = Recorder(uneven_bowl)
     lower, upper = torch.tensor([0.0, 0.5]), torch.tensor([1.0, 1.0])
-    found = random_search(recorder, lower, upper, 2000, torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    found = random_search(
+        recorder, SearchTask(lower=lower, upper=upper, generator=generator), budget=2000
+    )
     draws = torch.cat(recorder.packs)
     assert len(draws) == 2000
     assert torch.equal(found.position, draws[torch.cat(recorder.values).argmin()])
@@ -41,7 +45,7 @@ def test_random_search_is_the_best_of_its_uniform_draws() -> None:
 
 
 def scale_after(*lengths: float, num_steps: int = 24, **settings: Any) -> float:
-    curriculum = PenaltyCurriculum(2, RankDeviation(0.34), **settings)
+    curriculum = make("curriculum", num_terms=2, objective=OBJECTIVE, **settings)
     for length in lengths:
         curriculum.observe(TrainingProgress(length, num_steps))
     update = curriculum.update(GOAL_RETURN, TERM_RETURNS)
@@ -77,11 +81,15 @@ def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
 
     def end(**changes: Any) -> float:
         curriculum = instantiate(
-            {**settings.optimizer, **changes}, num_terms=2, objective=RankDeviation()
+            {**settings.optimizer, **changes},
+            num_terms=2,
+            objective=RankDeviation(),
+            seed=0,
+            device="cpu",
         )
         for _ in range(settings.scale.iterations):
             curriculum.observe(TrainingProgress(200.0, settings.ppo.num_steps))
-        return curriculum.scale
+        return curriculum.scale.item()
 
     assert end() == pytest.approx(largest_end, abs=5e-5)
     root = Path(__file__).parents[2]
@@ -94,19 +102,20 @@ def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
 
 
 def test_a_curriculum_does_without_terms() -> None:
-    update = PenaltyCurriculum(0, RankDeviation(0.34)).update(GOAL_RETURN, torch.zeros(3, 0))
+    curriculum = make("curriculum", num_terms=0, objective=OBJECTIVE)
+    update = curriculum.update(GOAL_RETURN, torch.zeros(3, 0))
     assert update.weights.shape == (0,)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"initial": 2.0}, r"initial must be a number from 0 to 1, got 2\.0"),
-        ({"rate": -0.1}, r"rate must be a number from 0 to 1, got -0\.1"),
-        ({"largest": -1.0}, r"largest must be a number from 0 to inf, got -1\.0"),
+        ({"initial": 2.0}, r"initial is 2\.0; allowed: from 0 to 1"),
+        ({"rate": -0.1}, r"rate is -0\.1; allowed: from 0 to 1"),
+        ({"largest": -1.0}, r"largest is -1\.0; allowed: above 0"),
         ({"shrink_below_steps": 50.0}, r"shrink_below_steps 50\.0 exceeds grow_above_steps 42\.0"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        PenaltyCurriculum(2, RankDeviation(), **settings)
+        make("curriculum", **settings)

@@ -8,23 +8,42 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from landscapes import Recorder, box_search, constant, rastrigin, shifted_rastrigin, shifted_sphere
+from configured import make
+from landscapes import Recorder, box, constant, rastrigin, shifted_rastrigin, shifted_sphere
 from scipy.optimize import differential_evolution
 
 from tlr_exp.optimizer.differential_evolution import (
-    DifferentialEvolution,
     Strategy,
     _different,
     differential_evolution_search,
 )
-from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.optimizer.search import SearchResult, SearchTask
 
 DIMS, PACK_SIZE, ITERATIONS = 6, 30, 50
 
 
+def search_box(
+    function: Callable[..., Any],
+    task: SearchTask,
+    pack_size: int,
+    iterations: int,
+    strategy: Strategy = "rand1bin",
+    scale: float = 0.5,
+    crossover: float = 0.9,
+) -> SearchResult:
+    return differential_evolution_search(
+        function,
+        task,
+        pack_size=pack_size,
+        iterations=iterations,
+        strategy=strategy,
+        scale=scale,
+        crossover=crossover,
+    )
+
+
 def search(function: Callable[..., Any], seed: int, strategy: Strategy) -> float:
-    task = box_search(-5.0, 5.0, DIMS, PACK_SIZE, ITERATIONS, seed)
-    return differential_evolution_search(function, task, strategy, scale=0.5, crossover=0.9).value
+    return search_box(function, box(-5.0, 5.0, DIMS, seed), PACK_SIZE, ITERATIONS, strategy).value
 
 
 def scipy_search(function: Callable[..., Any], strategy: str, seed: int) -> float:
@@ -69,8 +88,7 @@ def test_the_three_others_are_others_and_equally_likely() -> None:
 def test_a_mutant_is_a_member_and_a_difference_of_two_others() -> None:
     # With the whole mutant taken (crossover 1), and small enough to stay in the box.
     recorder = Recorder(constant)
-    task = box_search(0.0, 1.0, 2, pack_size=5, iterations=1, seed=3)
-    differential_evolution_search(recorder, task, "rand1bin", scale=0.1, crossover=1.0)
+    search_box(recorder, box(0.0, 1.0, 2, seed=3), 5, 1, scale=0.1, crossover=1.0)
     pack, trials = recorder.packs
     for target, trial in enumerate(trials):
         others = [pack[i] for i in range(5) if i != target]
@@ -87,8 +105,7 @@ def test_a_mutant_is_a_member_and_a_difference_of_two_others() -> None:
 
 def test_without_crossover_one_component_comes_from_the_mutant() -> None:
     recorder = Recorder(constant)
-    task = box_search(0.0, 1.0, 4, pack_size=8, iterations=1, seed=3)
-    differential_evolution_search(recorder, task, "rand1bin", scale=0.3, crossover=0.0)
+    search_box(recorder, box(0.0, 1.0, 4, seed=3), 8, 1, scale=0.3, crossover=0.0)
     changed = (recorder.packs[0] != recorder.packs[1]).sum(dim=1)
     assert (changed <= 1).all()  # clipping at a wall may leave it as it was
     assert changed.sum() >= 6
@@ -96,8 +113,7 @@ def test_without_crossover_one_component_comes_from_the_mutant() -> None:
 
 def test_the_population_never_gets_worse() -> None:
     recorder = Recorder(rastrigin)
-    task = box_search(-5.0, 5.0, 3, pack_size=12, iterations=30)
-    found = differential_evolution_search(recorder, task, "rand1bin", scale=0.5, crossover=0.9)
+    found = search_box(recorder, box(-5.0, 5.0, 3), 12, 30)
     first = recorder.values[0].sort().values
     assert (found.pack_values.sort().values <= first).all()
     assert found.pack_values.min() == found.value
@@ -106,12 +122,12 @@ def test_the_population_never_gets_worse() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"pack_size": 3}, r"pack_size must be .* at least 4, got 3: a trial is made of"),
-        ({"strategy": "best2bin"}, r"strategy is 'best2bin'; allowed are rand1bin, best1bin"),
-        ({"scale": -0.5}, r"scale must be a number from 0 to 2, got -0\.5"),
-        ({"crossover": 1.5}, r"crossover must be a number from 0 to 1, got 1\.5"),
+        ({"pack_size": 3}, "pack_size is 3; allowed: at least 4"),
+        ({"strategy": "best2bin"}, "strategy is 'best2bin'; allowed: rand1bin, best1bin"),
+        ({"scale": -0.5}, r"scale is -0\.5; allowed: from 0 to 2"),
+        ({"crossover": 1.5}, r"crossover is 1\.5; allowed: from 0 to 1"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        DifferentialEvolution(3, RankDeviation(), seed=0, **settings)
+        make("differential_evolution", **settings)

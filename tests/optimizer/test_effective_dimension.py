@@ -1,8 +1,8 @@
 """Screening by elementary effects, and the search that it narrows."""
 
-import functools
 from typing import Any
 
+import configured
 import pytest
 import torch
 from landscapes import Recorder, constant
@@ -13,17 +13,14 @@ from tlr_exp.optimizer.effective_dimension import (
     mean_absolute_effects,
     morris_trajectories,
 )
-from tlr_exp.optimizer.gwo import GreyWolfOptimizer
-from tlr_exp.optimizer.pso import ParticleSwarm
-from tlr_exp.optimizer.uniform import UniformWeights
-from tlr_exp.reward.objectives import RankDeviation
 
 NUM_TERMS = 6
 SCREENING = 10 * (NUM_TERMS + 1)
 
 
-def make(inner: Any = GreyWolfOptimizer, seed: int = 0, **settings: Any) -> EffectiveDimension:
-    return EffectiveDimension(NUM_TERMS, RankDeviation(), seed, inner=inner, **settings)
+def make(choice: str = "gwo", **settings: Any) -> EffectiveDimension:
+    inner = f"optimizer@optimizer.inner={choice}"
+    return configured.make("effective_dimension", inner, num_terms=NUM_TERMS, **settings)
 
 
 def two_matter(x: Tensor) -> Tensor:
@@ -76,8 +73,7 @@ def test_only_weights_that_move_j_are_searched() -> None:
 
 
 def test_the_rest_stays_at_its_value_in_the_box_of_the_search() -> None:
-    inner = functools.partial(ParticleSwarm, lower=0.2, upper=0.8)
-    found = make(inner, rest=0.5).search(two_matter)
+    found = make("pso", inner={"lower": 0.2, "upper": 0.8}, rest=0.5).search(two_matter)
     assert (found.position[[0, 2, 3, 5]] == 0.5).all()
     torch.testing.assert_close(found.position[[1, 4]], torch.tensor([0.3, 0.7]), atol=0.02, rtol=0)
 
@@ -99,7 +95,7 @@ def test_where_nothing_moves_j_nothing_is_searched() -> None:
 
 
 def test_a_warm_start_reaches_the_weights_that_are_searched() -> None:
-    optimizer = make(functools.partial(GreyWolfOptimizer, warm_start=True))
+    optimizer = make(inner={"warm_start": True})
     optimizer.last_weights = torch.tensor([0.0, 0.31, 0.0, 0.0, 0.69, 0.0])
     recorder = Recorder(two_matter)
     optimizer.search(recorder)
@@ -110,17 +106,17 @@ def test_a_warm_start_reaches_the_weights_that_are_searched() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"inner": UniformWeights}, r"inner makes a UniformWeights, which does not search"),
+        ({"choice": "random"}, r"inner makes a UniformWeights, which does not search"),
         (
-            {"inner": functools.partial(GreyWolfOptimizer, persistent=True)},
+            {"inner": {"persistent": True}},
             r"inner keeps its pack between iterations.*persistent=false",
         ),
-        ({"budget": 70}, r"budget must be .* at least 71, got 70: the screening"),
+        ({"budget": 70}, "budget, of which the screening takes 70, is 70; allowed: at least 71"),
         ({"budget": 100}, r"budget of 30 evaluations is less than a pack of 30"),
         ({"levels": 3}, r"levels must be even, got 3"),
-        ({"rest": 2.0}, r"rest must be a number from 0 to 1, got 2\.0"),
-        ({"min_share": -1.0}, r"min_share must be a number from 0 to 1"),
-        ({"walks": 0}, r"walks must be .* at least 1, got 0"),
+        ({"rest": 2.0}, r"rest is 2\.0; allowed: from 0 to 1"),
+        ({"min_share": -1.0}, r"min_share is -1\.0; allowed: from 0 to 1"),
+        ({"walks": 0}, "walks is 0; allowed: at least 1"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> None:

@@ -2,15 +2,15 @@
 
 import pytest
 import torch
+from configured import make
 
-from tlr_exp.optimizer.fixed import FixedWeights
 from tlr_exp.reward.objectives import RankDeviation
 
 
 def test_weights_are_one_and_their_objective_is_recorded() -> None:
     # K = floor(0.34 * 3) = 1, the candidate is the first: r_t = 3 - 2.5, 2, 1; it falls to
     # rank 3: ((1 - 3) / 100)^2.
-    update = FixedWeights(2, RankDeviation(0.34)).update(
+    update = make("fixed", num_terms=2, objective=RankDeviation(0.34)).update(
         torch.tensor([3.0, 2.0, 1.0]), torch.tensor([[-1.0, -1.5], [0.0, 0.0], [0.0, 0.0]])
     )
     assert update.weights.tolist() == [1.0, 1.0]
@@ -20,11 +20,12 @@ def test_weights_are_one_and_their_objective_is_recorded() -> None:
 
 
 def test_a_reward_with_a_goal_alone_needs_no_weights() -> None:
-    update = FixedWeights(0, RankDeviation(0.34)).update(torch.arange(3.0), torch.zeros(3, 0))
+    fixed = make("fixed", num_terms=0, objective=RankDeviation(0.34))
+    update = fixed.update(torch.arange(3.0), torch.zeros(3, 0))
     assert update.weights.shape == (0,)
     assert update.objective == 0.0
 
 
 def test_a_negative_number_of_terms_is_refused() -> None:
     with pytest.raises(ValueError, match="num_terms"):
-        FixedWeights(-1, RankDeviation())
+        make("fixed", num_terms=-1)

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 import torch
+from configured import make
 from landscapes import (
     Recorder,
-    box_search,
+    box,
     constant,
     plateau,
     rastrigin,
@@ -21,8 +22,9 @@ from mealpy import FloatVar
 from mealpy.swarm_based.GWO import OriginalGWO
 from torch import Tensor
 
-from tlr_exp.optimizer.base import SearchResult
+from tlr_exp.config.load import ConfigError
 from tlr_exp.optimizer.gwo import GreyWolfOptimizer, grey_wolf_search
+from tlr_exp.optimizer.search import SearchResult
 from tlr_exp.reward.objectives import RankDeviation
 
 DIMS = 6
@@ -35,10 +37,12 @@ def search(
     seed: int = 0,
     lower: float = -5.0,
     upper: float = 5.0,
+    pack_size: int = PACK_SIZE,
+    iterations: int = ITERATIONS,
     **settings: Any,
 ) -> SearchResult:
-    settings = {"pack_size": PACK_SIZE, "iterations": ITERATIONS, **settings}
-    return grey_wolf_search(function, box_search(lower, upper, DIMS, seed=seed, **settings))
+    task = box(lower, upper, DIMS, seed, **settings)
+    return grey_wolf_search(function, task, pack_size=pack_size, iterations=iterations)
 
 
 def mealpy_search(function: Callable[[Any], Any], seed: int) -> float:
@@ -112,7 +116,7 @@ def test_one_move_by_hand() -> None:
         expected.append(min(max(moved, 0.0), 1.0))
 
     recorder = Recorder(lambda x: x[:, 0])
-    grey_wolf_search(recorder, box_search(0.0, 1.0, 1, pack_size=4, iterations=1, seed=5))
+    grey_wolf_search(recorder, box(0.0, 1.0, 1, seed=5), pack_size=4, iterations=1)
     assert torch.equal(recorder.packs[0], pack)
     torch.testing.assert_close(recorder.packs[1].flatten().tolist(), expected)
 
@@ -181,13 +185,13 @@ def test_start_positions_replace_the_first_wolves() -> None:
 def test_warm_start_begins_at_the_last_weights() -> None:
     # Nothing moves in the ranking at any weight, so the first wolf of the pack is returned.
     goal_return, term_returns = torch.arange(20.0), torch.zeros(20, 3)
-    warm = GreyWolfOptimizer(3, RankDeviation(), seed=0, warm_start=True)
+    warm = make("gwo", num_terms=3, warm_start=True)
     assert warm.update(goal_return, term_returns).weights.tolist() == [1.0, 1.0, 1.0]
     warm.last_weights = torch.tensor([0.1, 0.2, 0.3])
     for _ in range(2):
         update = warm.update(goal_return, term_returns)
         torch.testing.assert_close(update.weights, torch.tensor([0.1, 0.2, 0.3]))
-    cold = GreyWolfOptimizer(3, RankDeviation(), seed=0)
+    cold = make("gwo", num_terms=3)
     first, second = (cold.update(goal_return, term_returns).weights for _ in range(2))
     assert not torch.equal(first, second)
 
@@ -199,7 +203,7 @@ def test_the_search_lowers_the_paper_objective() -> None:
     # better, so the best weights have it at its lower bound.
     term_returns = torch.stack([-2.0 * goal_return, goal_return], dim=1)
     term_returns[:, 0] += 0.3 * torch.rand(500, generator=generator)
-    optimizer = GreyWolfOptimizer(2, RankDeviation(), seed=0, lower=0.2, upper=1.0)
+    optimizer = make("gwo", num_terms=2, lower=0.2)
     update = optimizer.update(goal_return, term_returns)
     assert update.objective < 0.01 * update.baseline_objective
     assert update.evaluations == 30 * 51
@@ -207,8 +211,8 @@ def test_the_search_lowers_the_paper_objective() -> None:
 
 
 def test_a_persistent_pack_lives_on() -> None:
-    persistent = GreyWolfOptimizer(DIMS, RankDeviation(), seed=0, persistent=True)
-    passing = GreyWolfOptimizer(DIMS, RankDeviation(), seed=0)
+    persistent = make("gwo", num_terms=DIMS, persistent=True)
+    passing = make("gwo", num_terms=DIMS)
     first, second = Recorder(shifted_sphere), Recorder(shifted_sphere)
     found = persistent.search(first)
     assert torch.equal(found.position, passing.search(shifted_sphere).position)  # nothing to keep
@@ -220,28 +224,38 @@ def test_a_persistent_pack_lives_on() -> None:
 
 
 def test_a_persistent_pack_of_another_size_is_refused() -> None:
-    saved = GreyWolfOptimizer(3, RankDeviation(), seed=0, persistent=True, pack_size=10)
+    saved = make("gwo", num_terms=3, persistent=True, pack_size=10)
     saved.search(plateau)
     with pytest.raises(ValueError, match=r"shape \(10, 3\), this optimizer's is \(30, 3\)"):
-        GreyWolfOptimizer(3, RankDeviation(), seed=0, persistent=True).load_state_dict(
-            saved.state_dict()
-        )
+        make("gwo", num_terms=3, persistent=True).load_state_dict(saved.state_dict())
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"persistent": 1}, r"persistent must be true or false, got 1"),
-        ({"pack_size": 2}, r"pack_size must be .* at least 3, got 2"),
-        ({"pack_size": 30.0}, r"pack_size must be a whole number"),
-        ({"iterations": 0}, r"iterations must be .* at least 1, got 0"),
-        ({"tie_break": "last"}, r"tie_break is 'last'; allowed are first, largest_norm"),
-        ({"warm_start": "yes"}, r"warm_start must be true or false, got 'yes'"),
+        ({"persistent": 2}, "persistent is 2; allowed: True, False"),
+        ({"pack_size": 2}, "pack_size is 2; allowed: at least 3"),
+        ({"pack_size": "many"}, "pack_size is 'many'; allowed: at least 3"),
+        ({"iterations": 0}, "iterations is 0; allowed: at least 1"),
+        ({"tie_break": "last"}, "tie_break is 'last'; allowed: first, largest_norm"),
+        ({"warm_start": "yes"}, "warm_start is 'yes'; allowed: True, False"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        GreyWolfOptimizer(3, RankDeviation(), seed=0, **settings)
+        make("gwo", **settings)
+
+
+def test_a_pack_of_no_whole_number_is_refused_by_the_configuration(settings_of) -> None:
+    with pytest.raises(ConfigError, match=r"optimizer\.pack_size"):
+        settings_of("optimizer=gwo", "optimizer.pack_size=30.5")
+
+
+def test_runs_of_the_first_version_do_not_say_whether_the_pack_lives_on() -> None:
+    box_of_it = {"lower": 0.0, "upper": 1.0, "tie_break": "first", "warm_start": False}
+    given = {"num_terms": 3, "objective": RankDeviation(), "seed": 0, "device": "cpu"}
+    made = GreyWolfOptimizer(pack_size=30, iterations=50, **box_of_it, **given)
+    assert set(made.state_dict()) == {"generator", "last_weights"}
 
 
 def test_a_value_that_is_not_a_number_stops_the_search() -> None:

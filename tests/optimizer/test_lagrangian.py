@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from configured import make
 from hydra import compose, initialize_config_module
 
 from tlr_exp.config.load import ConfigError, plain_config, with_absolute_paths
@@ -10,12 +11,15 @@ from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.reward.objectives import RankDeviation
 
+OBJECTIVE = RankDeviation(0.34)
 RETURNS = (torch.tensor([3.0, 2.0, 1.0]), torch.zeros(3, 2))
 
 
 def optimizer(**settings) -> LagrangianWeights:
-    standard = {"limits": {"ang_vel_xy": 0.5, "lin_vel_z": 2.0}, "integral_gain": 0.1}
-    return LagrangianWeights(2, RankDeviation(0.34), **{**standard, **settings})
+    """Limits 0.5 and 2.0, unless others are given, and none of those of the file."""
+    limits = {"ang_vel_xy": 0.5, "lin_vel_z": 2.0}
+    settings = {"limits": limits, "integral_gain": 0.1, **settings}
+    return make("lagrangian", "~optimizer.limits", num_terms=2, objective=OBJECTIVE, **settings)
 
 
 def told(made: LagrangianWeights, *costs: tuple[float, float]) -> list[float]:
@@ -89,9 +93,9 @@ def test_it_goes_on_to_the_same_bits():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"limits": {"ang_vel_xy": 0.0}}, "the limit of ang_vel_xy must be a number above 0"),
-        ({"integral_gain": -1.0}, "integral_gain must be a number from 0"),
-        ({"initial": 11.0}, "initial must be a number from 0 to 10"),
+        ({"limits": {"ang_vel_xy": 0.0}}, r"limits\.ang_vel_xy is 0\.0; allowed: above 0"),
+        ({"integral_gain": -1.0}, r"integral_gain is -1\.0; allowed: at least 0"),
+        ({"initial": 11.0}, r"initial is 11\.0; allowed: from 0 to 10"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):

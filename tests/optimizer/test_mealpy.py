@@ -2,29 +2,29 @@
 
 import random
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from configured import make
 from landscapes import Recorder, uneven_bowl
 from mealpy import FloatVar
 from mealpy.swarm_based.PSO import OriginalPSO
 
-from tlr_exp.optimizer.mealpy import MealpySearch
-from tlr_exp.reward.objectives import RankDeviation
-
 PARAMETERS = {"c1": 1.5, "c2": 1.5, "w": 0.7}
 
 
-def make(algorithm: str, **settings: Any) -> MealpySearch:
-    return MealpySearch(6, RankDeviation(), seed=0, algorithm=algorithm, **settings)
+def search_by(algorithm: str, **settings: Any) -> Any:
+    return make("mealpy", num_terms=6, algorithm=algorithm, **settings)
 
 
 def test_is_the_librarys_own_search() -> None:
     # The box in float64, so that positions are not rounded on the way.
-    optimizer = make("OriginalPSO", parameters=PARAMETERS, iterations=20, budget=10_000)
-    optimizer.lower, optimizer.upper = optimizer.lower.double(), optimizer.upper.double()
+    optimizer = search_by("OriginalPSO", parameters=PARAMETERS, iterations=20, budget=10_000)
+    lower, upper = optimizer.task.lower.double(), optimizer.task.upper.double()
+    optimizer.task = replace(optimizer.task, lower=lower, upper=upper)
     found = optimizer.search(uneven_bowl)
     seed = int(torch.randint(2**32, (1,), generator=torch.Generator().manual_seed(0)))
     problem = {
@@ -43,34 +43,34 @@ def test_is_the_librarys_own_search() -> None:
 @pytest.mark.parametrize("algorithm", ["OriginalGWO", "OriginalWOA", "L_SHADE", "OriginalABC"])
 def test_whatever_the_algorithm_the_budget_is_kept(algorithm: str) -> None:
     recorder = Recorder(uneven_bowl)
-    found = make(algorithm, budget=400, iterations=30).search(recorder)
+    found = search_by(algorithm, budget=400, iterations=30).search(recorder)
     assert found.evaluations == recorder.calls <= 400
     assert found.value == torch.cat(recorder.values).min()
 
 
 def test_an_unknown_algorithm_is_answered_with_similar_names() -> None:
     with pytest.raises(ValueError, match=r"no optimizer 'originalgwoo'; similar: OriginalGWO"):
-        make("originalgwoo")
+        search_by("originalgwoo")
     with pytest.raises(ValueError, match=r"no optimizer 'qqqq'; it has: .*OriginalABC"):
-        make("qqqq")
+        search_by("qqqq")
 
 
 def test_an_algorithm_that_cannot_be_seeded_is_refused() -> None:
     with pytest.raises(ValueError, match="OriginalPSS cannot be seeded"):
-        make("OriginalPSS")
+        search_by("OriginalPSS")
 
 
 def test_parameters_that_the_class_would_ignore_are_refused() -> None:
     with pytest.raises(ValueError, match=r"OriginalPSO has no parameter c3; it has: c1, c2, w"):
-        make("OriginalPSO", parameters={"c3": 1.0})
+        search_by("OriginalPSO", parameters={"c3": 1.0})
     with pytest.raises(ValueError, match=r"mealpy's OriginalPSO: .*c1"):
-        make("OriginalPSO", parameters={"c1": -1.0})
+        search_by("OriginalPSO", parameters={"c1": -1.0})
 
 
 def test_without_the_package_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mealpy", None)
     with pytest.raises(ValueError, match=r"pip install -e '\.\[mealpy\]'"):
-        make("OriginalPSO")
+        search_by("OriginalPSO")
 
 
 class GlobalPSO(OriginalPSO):
@@ -86,8 +86,8 @@ class GlobalPSO(OriginalPSO):
 
 def test_global_generators_are_seeded_for_it_and_put_back() -> None:
     def found() -> torch.Tensor:
-        optimizer = make("OriginalPSO", budget=300)
-        optimizer.algorithm = GlobalPSO
+        optimizer = search_by("OriginalPSO", budget=300)
+        optimizer.kind = GlobalPSO
         return optimizer.search(uneven_bowl).position
 
     first = found()

@@ -1,6 +1,5 @@
 """What every weight optimizer must do, whichever it is, made as the configuration makes it."""
 
-import functools
 import random
 from pathlib import Path
 from typing import Any
@@ -8,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_module
+from configured import make
 from landscapes import Recorder, constant, plateau, uneven_bowl
-from omegaconf import OmegaConf
 
 import conf
 from tlr_exp import keys
-from tlr_exp.config.load import instantiate
-from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
+from tlr_exp.optimizer.effective_dimension import setting_for
+from tlr_exp.optimizer.protocol import TrainingProgress, WeightUpdate
 from tlr_exp.reward.objectives import RankDeviation
 
 CHOICES = sorted(path.stem for path in (Path(conf.__path__[0]) / "optimizer").glob("*.yaml"))
@@ -34,26 +32,6 @@ VARIANTS = [
 BUDGET = 30 + 30 * 50  # of the paper's search, as conf/optimizer/gwo.yaml has it
 COSTS = dict.fromkeys(keys.PAPER_LOWER_LAYER[:5], 0.3)
 NUM_TERMS = len(COSTS)
-
-
-@functools.cache
-def composed(choice: str) -> dict[str, Any]:
-    with initialize_config_module("tlr_exp.conf", version_base="1.3"):
-        config = compose("config", [f"optimizer={choice}"])
-    return OmegaConf.to_container(config.optimizer, resolve=True)  # type: ignore[return-value]
-
-
-def make(
-    choice: str, seed: int = 0, num_terms: int = NUM_TERMS, **settings: Any
-) -> Any:  # a WeightOptimizer, most of them with more
-    config = OmegaConf.to_container(OmegaConf.merge(composed(choice), settings))
-    optimizer: WeightOptimizer = instantiate(
-        config,  # type: ignore[arg-type]
-        num_terms=num_terms,
-        objective=RankDeviation(),
-        seed=seed,
-    )
-    return optimizer
 
 
 def returns(seed: int, num_terms: int = NUM_TERMS) -> tuple[torch.Tensor, torch.Tensor]:
@@ -178,8 +156,8 @@ def test_the_state_for_another_number_of_terms_is_refused(choice: str) -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"num_terms": 0}, r"num_terms must be .* at least 1, got 0: .*no optimizing terms"),
-        ({"seed": -1}, r"seed must be .* at least 0, got -1"),
+        ({"num_terms": 0}, "num_terms is 0: .*no optimizing terms"),
+        ({"seed": -1}, "seed is -1; allowed: at least 0"),
         ({"lower": 1.0, "upper": 1.0}, r"lower 1\.0 and upper 1\.0 .* lower < upper"),
         ({"upper": float("inf")}, r"upper inf must be finite"),
         ({"lower": float("nan")}, r"lower nan"),
@@ -222,8 +200,9 @@ def test_a_search_spends_its_budget_within_the_box_and_keeps_the_best(
 @pytest.mark.parametrize("num_terms", [6, 30])
 def test_a_search_finds_better_than_chance(choice: str, num_terms: int) -> None:
     for seed in range(2):
-        learned = make(choice, seed, num_terms).search(uneven_bowl).value
-        by_chance = make("random_search", seed, num_terms).search(uneven_bowl).value
+        given = {"seed": seed, "num_terms": num_terms}
+        learned = make(choice, **given).search(uneven_bowl).value
+        by_chance = make("random_search", **given).search(uneven_bowl).value
         assert learned < 0.5 * by_chance
 
 
@@ -256,7 +235,6 @@ def test_a_value_that_is_not_a_number_stops_the_search(choice: str) -> None:
 
 @pytest.mark.parametrize("choice", [c for c in SEARCHES if c != "effective_dimension"])
 def test_a_search_fits_the_budget_it_is_given(choice: str) -> None:
-    recorder, optimizer = Recorder(uneven_bowl), make(choice)
-    optimizer.fit_budget(200)
-    optimizer.search(recorder)
+    recorder = Recorder(uneven_bowl)
+    make(choice, **setting_for(make(choice), 200)).search(recorder)
     assert 200 - 30 < recorder.calls <= 200

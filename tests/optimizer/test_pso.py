@@ -7,20 +7,21 @@ from typing import Any
 
 import pytest
 import torch
-from landscapes import Recorder, box_search, shifted_rastrigin, shifted_sphere
+from configured import make
+from landscapes import Recorder, box, shifted_rastrigin, shifted_sphere
 from mealpy import FloatVar
 from mealpy.swarm_based.PSO import OriginalPSO
 
-from tlr_exp.optimizer.pso import ParticleSwarm, particle_swarm_search
-from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.optimizer.pso import particle_swarm_search
 
 DIMS, PACK_SIZE, ITERATIONS = 6, 30, 50
+SIZES = {"pack_size": PACK_SIZE, "iterations": ITERATIONS}
 CONSTRICTION = {"inertia": 0.7298, "cognitive": 1.49618, "social": 1.49618}
 
 
 def search(function: Callable[..., Any], seed: int = 0) -> float:
-    task = box_search(-5.0, 5.0, DIMS, PACK_SIZE, ITERATIONS, seed)
-    return particle_swarm_search(function, task, **CONSTRICTION).value
+    task = box(-5.0, 5.0, DIMS, seed)
+    return particle_swarm_search(function, task, **SIZES, **CONSTRICTION).value
 
 
 def mealpy_search(function: Callable[..., Any], seed: int) -> float:
@@ -56,8 +57,8 @@ def test_the_first_move_by_hand() -> None:
         expected.append(min(max(here + min(max(velocity, -1.0), 1.0), 0.0), 1.0))
 
     recorder = Recorder(lambda position: position[:, 0])
-    task = box_search(0.0, 1.0, 1, pack_size=3, iterations=1, seed=4)
-    particle_swarm_search(recorder, task, inertia=0.5, cognitive=1.0, social=2.0)
+    factors = {"inertia": 0.5, "cognitive": 1.0, "social": 2.0}
+    particle_swarm_search(recorder, box(0.0, 1.0, 1, seed=4), pack_size=3, iterations=1, **factors)
     assert torch.equal(recorder.packs[0], x)
     torch.testing.assert_close(recorder.packs[1].flatten().tolist(), expected)
 
@@ -65,8 +66,8 @@ def test_the_first_move_by_hand() -> None:
 def test_a_particle_that_meets_a_wall_loses_that_part_of_its_velocity() -> None:
     # Inertia alone: without a wall a particle never stops; at one it stays for ever.
     recorder = Recorder(lambda position: position[:, 0])
-    task = box_search(0.0, 1.0, 2, pack_size=10, iterations=500, seed=1)
-    particle_swarm_search(recorder, task, inertia=1.0, cognitive=0.0, social=0.0)
+    task, factors = box(0.0, 1.0, 2, seed=1), {"inertia": 1.0, "cognitive": 0.0, "social": 0.0}
+    particle_swarm_search(recorder, task, pack_size=10, iterations=500, **factors)
     last = recorder.packs[-1]
     assert ((last == 0.0) | (last == 1.0)).all()
     assert torch.equal(last, recorder.packs[-2])
@@ -74,5 +75,5 @@ def test_a_particle_that_meets_a_wall_loses_that_part_of_its_velocity() -> None:
 
 @pytest.mark.parametrize("name", ["inertia", "cognitive", "social"])
 def test_bad_factors_are_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"{name} must be a number from 0 to \d, got 7"):
-        ParticleSwarm(3, RankDeviation(), seed=0, **{name: 7})
+    with pytest.raises(ValueError, match=rf"{name} is 7; allowed: from 0 to \d"):
+        make("pso", **{name: 7})

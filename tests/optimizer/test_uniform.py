@@ -1,13 +1,11 @@
 """The control with random weights."""
 
 import torch
-
-from tlr_exp.optimizer.uniform import UniformWeights
-from tlr_exp.reward.objectives import RankDeviation
+from configured import make
 
 
 def test_weights_are_uniform_on_the_box_whatever_the_returns() -> None:
-    optimizer = UniformWeights(4, RankDeviation(), seed=0, lower=0.5, upper=2.5)
+    optimizer = make("random", num_terms=4, lower=0.5, upper=2.5)
     goal_return = torch.arange(10.0)
     term_returns = -torch.arange(40.0).reshape(10, 4)
     updates = [optimizer.update(goal_return, term_returns) for _ in range(500)]

@@ -1,12 +1,9 @@
 """The gate around an optimizer: when it opens, and what is behind it."""
 
-from functools import partial
-
 import pytest
 import torch
+from configured import make
 
-from tlr_exp.optimizer.curriculum import PenaltyCurriculum
-from tlr_exp.optimizer.gwo import GreyWolfOptimizer
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.optimizer.when_tracking import WhenTracking
 from tlr_exp.reward.objectives import RankDeviation
@@ -15,8 +12,12 @@ GOAL_RETURN = torch.tensor([3.0, 2.0, 1.0])
 TERM_RETURNS = torch.tensor([[-1.0, -1.5], [0.0, 0.0], [0.0, 0.0]])
 
 
-def gate(inner=PenaltyCurriculum, **settings) -> WhenTracking:
-    return WhenTracking(2, RankDeviation(0.34), seed=7, inner=inner, **settings)
+def gate(choice="curriculum", **settings) -> WhenTracking:
+    return made_with("when_tracking", f"optimizer@optimizer.inner={choice}", **settings)
+
+
+def made_with(*choices, **settings):
+    return make(*choices, num_terms=2, objective=RankDeviation(0.34), seed=7, **settings)
 
 
 def told(made: WhenTracking, *shares: float) -> list[float]:
@@ -45,7 +46,7 @@ def test_without_a_lower_layer_before_j_is_what_it_is_there():
 
 @pytest.mark.parametrize(("stays", "weight"), [(True, 0.1), (False, 1.0)])
 def test_an_open_gate_stays_open_if_it_is_told_to(stays, weight):
-    made = gate(stays=stays, inner=partial(PenaltyCurriculum, rate=0.0))
+    made = gate(stays=stays, inner={"rate": 0.0})
     assert told(made, 0.95, 0.3) == pytest.approx([weight] * 2)
 
 
@@ -56,13 +57,13 @@ def test_nothing_known_opens_nothing():
 
 
 def test_an_open_gate_changes_nothing_of_the_search_behind_it():
-    alone = GreyWolfOptimizer(2, RankDeviation(0.34), seed=7)
-    assert told(gate(GreyWolfOptimizer, threshold=0.0), 0.0) == (
+    alone = made_with("gwo")
+    assert told(gate("gwo", threshold=0.0), 0.0) == (
         alone.update(GOAL_RETURN, TERM_RETURNS).weights.tolist()
     )
 
 
-@pytest.mark.parametrize("settings", [{"threshold": 1.5}, {"before": -0.1}, {"stays": 1}])
+@pytest.mark.parametrize("settings", [{"threshold": 1.5}, {"before": -0.1}, {"stays": "no"}])
 def test_bad_settings_are_refused(settings):
     with pytest.raises(ValueError, match=next(iter(settings))):
         gate(**settings)

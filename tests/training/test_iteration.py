@@ -1,7 +1,5 @@
 """One training iteration around a weight optimizer: what it is told, and with what it is used."""
 
-from typing import Any
-
 import pytest
 import torch
 from tensordict import TensorDict
@@ -34,8 +32,8 @@ class FakePpo:
 class Listening(FixedWeights):
     """Notes in which order it is told and asked."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self.heard: list[TrainingProgress | str] = []
 
     def observe(self, progress: TrainingProgress) -> None:
@@ -67,7 +65,7 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
     first[0, 1] = first[0, 4] = second[1, 2] = True
     batches = iter([batch_of(first), batch_of(second)])
     objective = RankDeviation(0.5)
-    optimizer, ppo = Listening(1, objective), FakePpo()
+    optimizer, ppo = Listening(num_terms=1, objective=objective, seed=0, device="cpu"), FakePpo()
     trainer = Trainer(
         collect=lambda: next(batches),
         split=RewardSplit({"body_pos": 1.0}, {"ang_vel_xy": -1.0}, 0.02),

@@ -1,8 +1,7 @@
 """Covariance matrix adaptation (Hansen's CMA-ES), by the library cmaes."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -10,15 +9,20 @@ from cmaes import CMA, SepCMA
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.optimizer.base import SearchResult, check_flag, check_integer, check_number
-from tlr_exp.optimizer.pack import PackOptimizer, PackSearch, best_first
+from tlr_exp.config.checks import check_at_least, check_choice, check_within
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, best_first
+from tlr_exp.reward.objectives import WeightFunction
 
 _NUM_SEEDS = 2**32  # what NumPy's RandomState takes
 
 
 def cma_search(
     objective_fn: Callable[[Tensor], Tensor],
-    task: PackSearch,
+    task: SearchTask,
+    *,
+    pack_size: int,
+    iterations: int,
     initial_std: float,
     separable: bool,
     resampling: int,
@@ -37,9 +41,11 @@ def cma_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        task: a generation has at least 4 samples; the tie-break is the order in which equally good
-            ones are ranked; `start` [1, dims] is the first mean instead of a uniform one. The
-            distribution itself is float64 on the CPU, whatever the box.
+        task: its tie-break is the order in which equally good samples are ranked; `start` [1, dims]
+            is the first mean instead of a uniform one. The distribution itself is float64 on the
+            CPU, whatever the box.
+        pack_size: samples of a generation, at least 4.
+        iterations: generations after the first.
         initial_std: standard deviation at a start, share of the box.
         separable: adapt the diagonal alone (sep-CMA-ES, Ros and Hansen 2008), for many dimensions.
         resampling: see above.
@@ -47,7 +53,7 @@ def cma_search(
     Raises:
         ValueError: a value is not a number.
     """
-    tally = task.tally(objective_fn)
+    tally = Tally(objective_fn, task)
     lower, width, start = task.lower, task.upper - task.lower, task.start
     # One weight has no covariance to leave out, and the library refuses it.
     kind = SepCMA if separable and len(lower) > 1 else CMA
@@ -55,7 +61,7 @@ def cma_search(
     mean = None if start is None else ((start[0] - lower) / width).cpu().double().numpy()
     distribution = None
     pack, values = lower[None], lower[:1]
-    for _ in range(task.iterations + 1):
+    for _ in range(iterations + 1):
         if distribution is None or distribution.should_stop():
             seed, uniform = _draw(lower, task.generator)
             distribution = kind(
@@ -64,10 +70,10 @@ def cma_search(
                 bounds=bounds,
                 n_max_resampling=resampling,
                 seed=seed,
-                population_size=task.pack_size,
+                population_size=pack_size,
             )
             mean = None
-        samples = np.stack([distribution.ask() for _ in range(task.pack_size)])
+        samples = np.stack([distribution.ask() for _ in range(pack_size)])
         pack = (lower + width * torch.from_numpy(samples).to(lower)).clamp(lower, task.upper)
         values = tally(pack)
         order = best_first(pack, values, task.tie_break).tolist()
@@ -75,38 +81,50 @@ def cma_search(
     return tally.result(pack, values)
 
 
-class CmaEs(PackOptimizer):
+@dataclass(kw_only=True, eq=False)
+class CmaEs(ChosenWeights):
     """Weights that minimise the objective, by CMA-ES in every iteration.
 
-    Args:
-        pack_size: samples of a generation, at least 4.
+    Attributes:
+        pack_size: samples of a generation, at least 4: half of them make the new mean.
+        iterations: generations after the first per training iteration, at least 1.
+        tie_break: in which order equally good weights are ranked.
         warm_start: the mean starts at the last iteration's weights.
         initial_std: standard deviation at a start, share of the box, above 0, at most 1.
         separable: adapt the diagonal of the covariance alone.
         resampling: how often a sample outside the box is drawn anew before it is clipped.
-        Others: see `PackOptimizer`.
-
-    Raises:
-        ValueError: a setting outside its range.
     """
 
-    min_pack_size = 4
-    why_min_pack_size = "half of the samples make the new mean"
+    pack_size: int
+    iterations: int
+    lower: float
+    upper: float
+    tie_break: TieBreak
+    warm_start: bool
+    initial_std: float
+    separable: bool
+    resampling: int
 
-    def __init__(
-        self,
-        *arguments: Any,
-        initial_std: float = 0.3,
-        separable: bool = False,
-        resampling: int = 5,
-        **settings: Any,
-    ) -> None:
-        super().__init__(*arguments, **settings)
-        check_number("initial_std", initial_std, 1e-6, 1.0)
-        check_flag("separable", separable)
-        check_integer("resampling", resampling, 1)
-        self.algorithm = partial(
-            cma_search, initial_std=initial_std, separable=separable, resampling=resampling
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, self.tie_break)
+        check_at_least("pack_size", self.pack_size, 4)
+        check_at_least("iterations", self.iterations, 1)
+        check_choice("warm_start", self.warm_start, (True, False))
+        check_within("initial_std", self.initial_std, 1e-6, 1.0)
+        check_choice("separable", self.separable, (True, False))
+        check_at_least("resampling", self.resampling, 1)
+
+    def search(self, objective_fn: WeightFunction) -> SearchResult:
+        """One search by CMA-ES."""
+        return cma_search(
+            objective_fn,
+            self.warm_task(self.warm_start),
+            pack_size=self.pack_size,
+            iterations=self.iterations,
+            initial_std=self.initial_std,
+            separable=self.separable,
+            resampling=self.resampling,
         )
 
 

@@ -1,15 +1,16 @@
 """Differential evolution (Storn and Price 1997)."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor
 
-from tlr_exp.config.limits import check_choice
-from tlr_exp.optimizer.base import SearchResult, check_number
-from tlr_exp.optimizer.pack import PackOptimizer, PackSearch, improves
+from tlr_exp.config.checks import check_at_least, check_choice, check_within
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, improves
+from tlr_exp.reward.objectives import WeightFunction
 
 Strategy = Literal["rand1bin", "best1bin"]
 MIN_PACK_SIZE = 4  # a target and three others
@@ -17,7 +18,10 @@ MIN_PACK_SIZE = 4  # a target and three others
 
 def differential_evolution_search(
     objective_fn: Callable[[Tensor], Tensor],
-    task: PackSearch,
+    task: SearchTask,
+    *,
+    pack_size: int,
+    iterations: int,
     strategy: Strategy,
     scale: float,
     crossover: float,
@@ -36,7 +40,9 @@ def differential_evolution_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        task: the population has at least 4 members; for its tie-break see above.
+        task: for its tie-break see above; the first members begin at `start`.
+        pack_size: members of the population, at least 4.
+        iterations: generations after the first.
         strategy: `rand1bin` or `best1bin`.
         scale: F, factor of the difference.
         crossover: CR, probability of a component of the mutant.
@@ -44,10 +50,10 @@ def differential_evolution_search(
     Raises:
         ValueError: a value is not a number.
     """
-    tally = task.tally(objective_fn)
-    pack = task.first_pack()
+    tally = Tally(objective_fn, task)
+    pack = task.first_pack(pack_size)
     values = tally(pack)
-    for _ in range(task.iterations):
+    for _ in range(iterations):
         base, plus, minus = pack[_different(len(pack), task.generator).T]
         if strategy == "best1bin":
             base = tally.best
@@ -64,36 +70,48 @@ def differential_evolution_search(
     return tally.result(pack, values)
 
 
-class DifferentialEvolution(PackOptimizer):
+@dataclass(kw_only=True, eq=False)
+class DifferentialEvolution(ChosenWeights):
     """Weights that minimise the objective, by differential evolution in every iteration.
 
-    Args:
+    Attributes:
+        pack_size: members of the population, at least 4.
+        iterations: generations per training iteration, at least 1.
         strategy: what a difference is added to: `rand1bin`, a random member, or `best1bin`.
         scale: factor F of the difference, from 0 to 2.
         crossover: probability CR of a mutant's component, from 0 to 1.
-        Others: see `PackOptimizer`.
-
-    Raises:
-        ValueError: a setting outside its range.
     """
 
-    min_pack_size = MIN_PACK_SIZE
-    why_min_pack_size = "a trial is made of its target and three others"
+    pack_size: int
+    iterations: int
+    lower: float
+    upper: float
+    tie_break: TieBreak
+    warm_start: bool
+    strategy: Strategy
+    scale: float
+    crossover: float
 
-    def __init__(
-        self,
-        *arguments: Any,
-        strategy: Strategy = "rand1bin",
-        scale: float = 0.5,
-        crossover: float = 0.9,
-        **settings: Any,
-    ) -> None:
-        super().__init__(*arguments, **settings)
-        check_choice("strategy", strategy, get_args(Strategy))
-        check_number("scale", scale, 0.0, 2.0)
-        check_number("crossover", crossover, 0.0, 1.0)
-        self.algorithm = partial(
-            differential_evolution_search, strategy=strategy, scale=scale, crossover=crossover
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, self.tie_break)
+        check_at_least("pack_size", self.pack_size, MIN_PACK_SIZE)
+        check_at_least("iterations", self.iterations, 1)
+        check_choice("warm_start", self.warm_start, (True, False))
+        check_choice("strategy", self.strategy, get_args(Strategy))
+        check_within("scale", self.scale, 0.0, 2.0)
+        check_within("crossover", self.crossover, 0.0, 1.0)
+
+    def search(self, objective_fn: WeightFunction) -> SearchResult:
+        """One search by differential evolution."""
+        return differential_evolution_search(
+            objective_fn,
+            self.warm_task(self.warm_start),
+            pack_size=self.pack_size,
+            iterations=self.iterations,
+            strategy=self.strategy,
+            scale=self.scale,
+            crossover=self.crossover,
         )
 
 

@@ -8,14 +8,16 @@ Campolongo, Cariboni and Saltelli (2007).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from tlr_exp.optimizer.base import SearchResult, check_integer, check_number, unsearched
-from tlr_exp.optimizer.box import BoxOptimizer
-from tlr_exp.optimizer.pack import Tally, WeightSearch
-from tlr_exp.reward.objectives import Objective, WeightFunction
+from tlr_exp.config.checks import check_at_least, check_within
+from tlr_exp.errors import UserError
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, Tally, moves_within, unsearched
+from tlr_exp.reward.objectives import WeightFunction
 
 _NUM_SEEDS = 2**63 - 1
 
@@ -68,78 +70,72 @@ def mean_absolute_effects(walks: Trajectories, values: Tensor, levels: int) -> T
     return (changes * walks.direction / (levels / (2 * (levels - 1)))).abs().mean(dim=0)
 
 
-class EffectiveDimension(BoxOptimizer):
+@dataclass(kw_only=True, eq=False)
+class EffectiveDimension(ChosenWeights):
     """Screens the weights anew in every iteration, and searches only those that move J.
 
     All other weights stay at `rest`. Where no weight moves J, all do, and there is no search. Terms
     count as moving J if their mu* is at least `min_share` of the largest.
 
-    Args:
-        num_terms, objective, seed, device: see `BoxOptimizer`.
+    Attributes:
         inner: makes the search over the remaining weights from num_terms, objective, seed and
             device; it is made anew in every iteration, with a seed that this optimizer draws.
-        budget: evaluations of J per training iteration, screening included: `walks` *
-            (num_terms + 1) for it, and at most what is left for the search.
-        walks: walks of the screening.
+        budget: evaluations, screening included: `walks` * (num_terms + 1) for it, and at most what
+            is left for the search.
+        walks: walks of the screening, at least 1.
         levels: values in [0, 1] that a weight takes in the screening, an even number.
         min_share: see above, from 0 to 1.
         rest: the value of a weight that is not searched, within the box of `inner`.
-
-    Raises:
-        ValueError: a setting outside its range, or an `inner` that is no search or keeps more than
-            its last weights between iterations.
     """
 
-    def __init__(
-        self,
-        num_terms: int,
-        objective: Objective,
-        seed: int,
-        device: str | torch.device = "cpu",
-        *,
-        inner: Callable[..., WeightSearch],
-        budget: int = 1530,
-        walks: int = 10,
-        levels: int = 4,
-        min_share: float = 0.05,
-        rest: float = 1.0,
-    ) -> None:
-        check_integer("num_terms", num_terms, 1, "the reward has no optimizing terms to weigh")
-        check_integer("walks", walks, 1)
-        check_integer("levels", levels, 2)
-        if levels % 2:
-            raise ValueError(
-                f"levels must be even, got {levels}: each half is reached from the other"
+    inner: Callable[..., ChosenWeights]
+    budget: int
+    walks: int
+    levels: int
+    min_share: float
+    rest: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_at_least("walks", self.walks, 1)
+        check_at_least("levels", self.levels, 2)
+        if self.levels % 2:
+            raise UserError(
+                f"levels must be even, got {self.levels}: each half is reached from the other"
             )
-        check_number("min_share", min_share, 0.0, 1.0)
-        probe = inner(num_terms=num_terms, objective=objective, seed=0, device=device)
+        check_within("min_share", self.min_share, 0.0, 1.0)
+        probe: Any = self.inner(
+            num_terms=self.num_terms, objective=self.objective, seed=0, device=self.device
+        )
         _check_inner(probe)
-        lower, upper = probe.lower[0].item(), probe.upper[0].item()
-        check_number("rest", rest, lower, upper)
-        super().__init__(num_terms, objective, seed, device, lower=lower, upper=upper)
-        self.inner = inner
-        self.screening = walks * (num_terms + 1)
-        self.budget = budget
-        self.walks, self.levels, self.min_share = walks, levels, min_share
-        self.rest = torch.full_like(self.lower, rest)
-        check_integer("budget", budget, self.screening + 1, "the screening alone takes the rest")
-        probe.fit_budget(budget - self.screening)
+        check_within("rest", self.rest, probe.lower, probe.upper)
+        self.set_box(probe.lower, probe.upper, tie_break="first")
+        self.screening = self.walks * (self.num_terms + 1)
+        check_at_least(
+            f"budget, of which the screening takes {self.screening},",
+            self.budget,
+            self.screening + 1,
+        )
+        self.inner_budget = setting_for(probe, self.budget - self.screening)
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
         """Screen, then search the weights that move J."""
+        rest = torch.full_like(self.task.lower, self.rest)
         moving = self._screen(objective_fn).nonzero()[:, 0]
         if not len(moving):
-            found = unsearched(self.rest.clone(), objective_fn)
-            return replace(found, evaluations=self.screening)
+            return replace(unsearched(rest, objective_fn), evaluations=self.screening)
         seed = torch.randint(_NUM_SEEDS, (1,), generator=self.generator, device=self.device)
         inner = self.inner(
-            num_terms=len(moving), objective=self.objective, seed=int(seed), device=self.device
+            num_terms=len(moving),
+            objective=self.objective,
+            seed=int(seed),
+            device=self.device,
+            **self.inner_budget,
         )
-        inner.fit_budget(self.budget - self.screening)
         inner.last_weights = self.last_weights[moving]
 
         def whole(part: Tensor) -> Tensor:
-            return self.rest.repeat(len(part), 1).index_copy(1, moving, part)
+            return rest.repeat(len(part), 1).index_copy(1, moving, part)
 
         found = inner.search(lambda part: objective_fn(whole(part)))
         return replace(
@@ -152,22 +148,33 @@ class EffectiveDimension(BoxOptimizer):
     def _screen(self, objective_fn: WeightFunction) -> Tensor:
         """Which weights move J [num_terms] bool."""
         walks = morris_trajectories(self.num_terms, self.walks, self.levels, self.generator)
-        tally = Tally(objective_fn, self.lower, self.upper)
-        width = self.upper - self.lower
-        values = [tally(self.lower + width * points) for points in walks.points.to(self.lower)]
+        lower, width = self.task.lower, self.task.upper - self.task.lower
+        tally = Tally(objective_fn, self.task)
+        values = [tally(lower + width * points) for points in walks.points.to(lower)]
         effects = mean_absolute_effects(walks, torch.stack(values), self.levels)
         return (effects > 0) & (effects >= self.min_share * effects.max())
 
 
-def _check_inner(inner: object) -> None:
-    if not isinstance(inner, WeightSearch):
-        raise ValueError(
+def setting_for(search: Any, evaluations: int) -> dict[str, int]:
+    """The setting with which a search like this one takes at most so many evaluations.
+
+    Raises:
+        UserError: too few for a pack of its size.
+    """
+    if hasattr(search, "budget"):
+        return {"budget": evaluations}
+    return {"iterations": moves_within(evaluations, search.pack_size)}
+
+
+def _check_inner(inner: Any) -> None:
+    if not (hasattr(inner, "lower") and (hasattr(inner, "budget") or hasattr(inner, "pack_size"))):
+        raise UserError(
             f"inner makes a {type(inner).__name__}, which does not search: use an optimizer that "
             "minimises J, such as gwo"
         )
     kept = set(inner.state_dict()) - {"generator", "last_weights"}
     if kept:
-        raise ValueError(
+        raise UserError(
             f"inner keeps its {', '.join(sorted(kept))} between iterations, but the weights that "
             "are searched change: use inner.persistent=false"
         )

@@ -1,19 +1,24 @@
 """The Grey Wolf Optimizer (Mirjalili, Mirjalili and Lewis 2014), the paper's Algorithm 1."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from tlr_exp.optimizer.base import SearchResult, check_flag
-from tlr_exp.optimizer.pack import PackOptimizer, PackSearch, TieBreak, best_first
+from tlr_exp.config.checks import check_at_least, check_choice
+from tlr_exp.errors import UserError
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, best_first
 from tlr_exp.reward.objectives import WeightFunction
 
 NUM_LEADERS = 3  # alpha, beta and delta
 
 
-def grey_wolf_search(objective_fn: Callable[[Tensor], Tensor], task: PackSearch) -> SearchResult:
+def grey_wolf_search(
+    objective_fn: Callable[[Tensor], Tensor], task: SearchTask, *, pack_size: int, iterations: int
+) -> SearchResult:
     """Minimise a function over a box.
 
     In iteration t of T every wolf X moves, in every dimension, to the mean over the three
@@ -27,18 +32,20 @@ def grey_wolf_search(objective_fn: Callable[[Tensor], Tensor], task: PackSearch)
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        task: the pack has at least 3 wolves; its tie-break says which of equally good positions
-            leads.
+        task: its tie-break says which of equally good positions leads; the first wolves stand at
+            `start`.
+        pack_size: wolves, at least 3.
+        iterations: moves of the pack, which is evaluated at first and after each.
 
     Raises:
         ValueError: a value is not a number.
     """
-    tally = task.tally(objective_fn)
-    pack = task.first_pack()
+    tally = Tally(objective_fn, task)
+    pack = task.first_pack(pack_size)
     values = tally(pack)
     leaders, leader_values = _leaders(pack, values, task.tie_break)
-    for iteration in range(task.iterations):
-        reach = 2.0 - 2.0 * iteration / task.iterations
+    for iteration in range(iterations):
+        reach = 2.0 - 2.0 * iteration / iterations
         pack = _move(pack, leaders, reach, task.generator).clamp(task.lower, task.upper)
         values = tally(pack)
         leaders, leader_values = _leaders(
@@ -47,69 +54,62 @@ def grey_wolf_search(objective_fn: Callable[[Tensor], Tensor], task: PackSearch)
     return tally.result(pack, values)
 
 
-class GreyWolfOptimizer(PackOptimizer):
+@dataclass(kw_only=True, eq=False)
+class GreyWolfOptimizer(ChosenWeights):
     """Weights that minimise the objective, by a grey wolf search in every iteration.
 
-    Args:
-        pack_size: number of wolves, at least 3.
+    Attributes:
+        pack_size: wolves, at least 3.
+        iterations: moves of the pack per training iteration, at least 1.
         persistent: the pack lives on: a search starts with the wolves where the last one left
             them, the first of them at the weights it found. J is evaluated anew, as the
             trajectories are others. At the end of a search the wolves stand close together; the
             wide moves that the next one begins with spread them again.
-        Others: see `PackOptimizer`.
-
-    Raises:
-        ValueError: a setting outside its range.
     """
 
-    algorithm = staticmethod(grey_wolf_search)
-    min_pack_size = NUM_LEADERS
-    why_min_pack_size = "the pack follows its best three wolves"
+    pack_size: int
+    iterations: int
+    lower: float
+    upper: float
+    tie_break: TieBreak
+    warm_start: bool
+    persistent: bool = False  # runs of the first version do not say it
 
-    def __init__(
-        self,
-        *arguments: Any,
-        persistent: bool = False,
-        **settings: Any,
-    ) -> None:
-        super().__init__(*arguments, **settings)
-        check_flag("persistent", persistent)
-        self.persistent = persistent
-        self.pack = self.lower.new_empty(0, self.num_terms)  # none before the first search
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, self.tie_break)
+        check_at_least("pack_size", self.pack_size, NUM_LEADERS)
+        check_at_least("iterations", self.iterations, 1)
+        check_choice("warm_start", self.warm_start, (True, False))
+        check_choice("persistent", self.persistent, (True, False))
+        if self.persistent:
+            self.pack = self.task.lower.new_empty(0, self.num_terms)  # none before the first search
+            self.saved = (*self.saved, "pack")
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
-        """As `PackOptimizer.search`; the pack that it leaves is kept if it is to live on."""
-        result = super().search(objective_fn)
+        """One grey wolf search; the pack that it leaves is kept if it is to live on."""
+        task = self.warm_task(self.warm_start)
+        if self.persistent and len(self.pack):
+            task = replace(task, start=self.pack)
+        result = grey_wolf_search(
+            objective_fn, task, pack_size=self.pack_size, iterations=self.iterations
+        )
         if self.persistent:
             self.pack = torch.cat([result.position[None], result.pack[1:]])
         return result
-
-    def start(self) -> Tensor | None:
-        """The last search's pack [pack_size, num_terms], or what a warm start begins with."""
-        return self.pack if len(self.pack) else super().start()
-
-    def state_dict(self) -> dict[str, Any]:
-        """As `BoxOptimizer.state_dict`; with a persistent pack also that [pack_size, num_terms]."""
-        pack = {"pack": self.pack.clone()} if self.persistent else {}
-        return {**super().state_dict(), **pack}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue, bit for bit, from where `state_dict` was taken.
 
         Raises:
-            ValueError: see `BoxOptimizer.load_state_dict`; or a pack of another size.
+            UserError: see `ChosenWeights.load_state_dict`; or a pack of another size.
         """
-        rest = dict(state)
-        if self.persistent and "pack" in rest:
-            pack = rest.pop("pack")
-            if pack.shape not in [(0, self.num_terms), (self.pack_size, self.num_terms)]:
-                raise ValueError(
-                    f"the saved pack has shape {tuple(pack.shape)}, this optimizer's is "
-                    f"({self.pack_size}, {self.num_terms}): resume with the settings it was "
-                    "saved with"
-                )
-            self.pack = pack.to(self.lower, copy=True)
-        super().load_state_dict(rest)
+        if self.persistent and "pack" in state and len(state["pack"]) not in (0, self.pack_size):
+            raise UserError(
+                f"the saved pack has shape {tuple(state['pack'].shape)}, this optimizer's is "
+                f"({self.pack_size}, {self.num_terms}): resume with the settings it was saved with"
+            )
+        super().load_state_dict(state)
 
 
 def _move(pack: Tensor, leaders: Tensor, reach: float, generator: torch.Generator) -> Tensor:

@@ -21,52 +21,47 @@ was chosen:
 - Equal values: `tie_break` decides wherever one position is put before another.
 """
 
-from typing import Any
+from dataclasses import dataclass
 
-from tlr_exp.optimizer.base import SearchResult, check_integer
+from tlr_exp.config.checks import check_at_least
+from tlr_exp.optimizer.base import ChosenWeights
 from tlr_exp.optimizer.ospo_search import OspoSettings, ospo_search
-from tlr_exp.optimizer.pack import BudgetSearch
+from tlr_exp.optimizer.search import SearchResult, TieBreak
 from tlr_exp.reward.objectives import WeightFunction
 
 
-class Ospo(BudgetSearch):
+@dataclass(kw_only=True, eq=False)
+class Ospo(ChosenWeights):
     """Weights that minimise the objective, by OSPO in every iteration.
 
-    Args:
+    Attributes:
         population: samples of an inner iteration, at least `elites`.
-        elites: the best of them, at least 3.
+        elites: the best of them, at least 3, of which a jump is made.
         inner_iterations: of a path, at least 1.
         start_points: start points on the diagonal, at least 1.
-        Others: see `BudgetSearch`.
-
-    Raises:
-        ValueError: a setting outside its range.
     """
 
-    def __init__(
-        self,
-        *arguments: Any,
-        population: int = 40,
-        elites: int = 10,
-        inner_iterations: int = 30,
-        start_points: int = 10,
-        **settings: Any,
-    ) -> None:
-        super().__init__(*arguments, **settings)
-        check_integer("elites", elites, 3, "a jump is made of the best three")
-        check_integer("population", population, elites, "the elites are taken from it")
-        check_integer("inner_iterations", inner_iterations, 1)
-        check_integer("start_points", start_points, 1)
-        self.settings = OspoSettings(population, elites, inner_iterations, start_points)
+    budget: int
+    population: int
+    elites: int
+    inner_iterations: int
+    start_points: int
+    lower: float
+    upper: float
+    tie_break: TieBreak
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, self.tie_break)
+        check_at_least("budget", self.budget, 1)
+        check_at_least("elites", self.elites, 3)
+        check_at_least("population, from which elites are taken,", self.population, self.elites)
+        check_at_least("inner_iterations", self.inner_iterations, 1)
+        check_at_least("start_points", self.start_points, 1)
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
-        """One OSPO search with the settings of this optimizer."""
-        return ospo_search(
-            objective_fn,
-            self.lower,
-            self.upper,
-            self.budget,
-            self.generator,
-            self.settings,
-            self.tie_break,
+        """One OSPO search."""
+        settings = OspoSettings(
+            self.population, self.elites, self.inner_iterations, self.start_points
         )
+        return ospo_search(objective_fn, self.task, self.budget, settings)

@@ -10,8 +10,14 @@ import torch
 from torch import Tensor
 
 from tlr_exp.optimizer import ospo_steps as steps
-from tlr_exp.optimizer.base import SearchResult
-from tlr_exp.optimizer.pack import BudgetSpent, Tally, TieBreak, best_first, improves
+from tlr_exp.optimizer.search import (
+    BudgetSpent,
+    SearchResult,
+    SearchTask,
+    Tally,
+    best_first,
+    improves,
+)
 
 NUM_NEIGHBOURS = 10
 JUMP_TRIALS = 10
@@ -68,13 +74,11 @@ class Path:
 class OspoSearch:
     """One search; see `ospo_search`."""
 
-    def __init__(
-        self, tally: Tally, budget: int, settings: OspoSettings, generator: torch.Generator
-    ) -> None:
-        self.tally, self.budget = tally, budget
-        self.settings, self.generator = settings, generator
-        self.dims = len(tally.lower)
-        self.tie_break: TieBreak = tally.tie_break
+    def __init__(self, tally: Tally, budget: int, settings: OspoSettings) -> None:
+        self.tally, self.budget, self.settings = tally, budget, settings
+        self.task = tally.task
+        self.generator = self.task.generator
+        self.dims = len(self.task.lower)
         self.last: Ranked | None = None  # the last population, to be reported
         self.start_std = 1.0 / (3.0 * settings.start_points)
 
@@ -138,7 +142,9 @@ class OspoSearch:
         new = Ranked(new.positions[:size], new.values[:size])
         old = path.population
         if old is not None:
-            better = improves(new.positions, new.values, old.positions, old.values, self.tie_break)
+            better = improves(
+                new.positions, new.values, old.positions, old.values, self.task.tie_break
+            )
             new = self._ranked(
                 torch.where(better[:, None], new.positions, old.positions),
                 torch.where(better, new.values, old.values),
@@ -212,11 +218,11 @@ class OspoSearch:
 
     def _evaluate(self, points: Tensor) -> Ranked:
         """Value points [n, dims] of the unit cube, and sort them."""
-        lower, upper = self.tally.lower, self.tally.upper
+        lower, upper = self.task.lower, self.task.upper
         return self._ranked(points, self.tally(lower + (upper - lower) * points).double())
 
     def _ranked(self, positions: Tensor, values: Tensor) -> Ranked:
-        order = best_first(positions, values, self.tie_break)
+        order = best_first(positions, values, self.task.tie_break)
         return Ranked(positions[order], values[order])
 
     def _join(self, path: Path, points: Tensor) -> None:
@@ -246,7 +252,7 @@ class OspoSearch:
         return steps.improvement_percent(before, after)
 
     def _global_elite(self) -> Tensor:
-        lower, upper = self.tally.lower, self.tally.upper
+        lower, upper = self.task.lower, self.task.upper
         return ((self.tally.best[0] - lower) / (upper - lower)).double()
 
     def _spent(self) -> float:
@@ -257,37 +263,32 @@ class OspoSearch:
 
     @property
     def _device(self) -> torch.device:
-        return self.tally.lower.device
+        return self.task.lower.device
 
 
 def ospo_search(
     objective_fn: Callable[[Tensor], Tensor],
-    lower: Tensor,
-    upper: Tensor,
+    task: SearchTask,
     budget: int,
-    generator: torch.Generator,
     settings: OspoSettings,
-    tie_break: TieBreak = "first",
 ) -> SearchResult:
     """Minimise a function over a box with exactly `budget` evaluations.
 
     Args:
         objective_fn: positions [n, dims] -> values [n].
-        lower: lower bounds [dims]. Its device and dtype are those at which positions are valued.
-        upper: upper bounds [dims].
+        task: the box, of whose dtype the positions are that are valued; the random numbers; ties.
         budget: evaluations.
-        generator: source of all random numbers, on the device of `lower`.
         settings: sizes of the search.
-        tie_break: which of equally good positions comes first, see `pack`.
 
     Raises:
         ValueError: a value is not a number.
     """
-    tally = Tally(objective_fn, lower, upper, tie_break, budget)
-    search = OspoSearch(tally, budget, settings, generator)
+    tally = Tally(objective_fn, task, budget)
+    search = OspoSearch(tally, budget, settings)
     with suppress(BudgetSpent):
         search.run()
     if search.last is None:  # the budget ended among the start points
         return tally.result(tally.best, tally.best_value)
+    lower, upper = task.lower, task.upper
     pack = lower + (upper - lower) * search.last.positions.to(lower)
     return tally.result(pack.clamp(lower, upper), search.last.values)

@@ -1,20 +1,23 @@
 """Particle swarm optimization (Kennedy and Eberhart 1995) with Clerc and Kennedy's constriction."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from tlr_exp.optimizer.base import SearchResult, check_number
-from tlr_exp.optimizer.box import uniform_positions
-from tlr_exp.optimizer.pack import PackOptimizer, PackSearch, improves
+from tlr_exp.config.checks import check_at_least, check_choice, check_within
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, improves
+from tlr_exp.reward.objectives import WeightFunction
 
 
 def particle_swarm_search(
     objective_fn: Callable[[Tensor], Tensor],
-    task: PackSearch,
+    task: SearchTask,
+    *,
+    pack_size: int,
+    iterations: int,
     inertia: float,
     cognitive: float,
     social: float,
@@ -23,7 +26,7 @@ def particle_swarm_search(
 
     Every particle x with velocity v, its own best position p and the swarm's best g moves by
     v <- inertia v + cognitive r1 (p - x) + social r2 (g - x), x <- x + v, with r1, r2 ~ U(0, 1)
-    fresh for each particle and dimension. The defaults of `ParticleSwarm` are Clerc and Kennedy's
+    fresh for each particle and dimension. The values of `pso.yaml` are Clerc and Kennedy's
     constriction 0.7298 for phi_1 = phi_2 = 2.05, in the form of Eberhart and Shi (2000):
     0.7298 * 2.05 = 1.49618.
 
@@ -34,20 +37,23 @@ def particle_swarm_search(
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].
-        task: its tie-break says whether a position that is as good as the old best replaces it.
+        task: its tie-break says whether a position that is as good as the old best replaces it; the
+            first particles begin at `start`.
+        pack_size: particles.
+        iterations: moves of the swarm, which is evaluated at first and after each.
         inertia, cognitive, social: the factors above.
 
     Raises:
         ValueError: a value is not a number.
     """
-    tally = task.tally(objective_fn)
+    tally = Tally(objective_fn, task)
     lower, upper, generator = task.lower, task.upper, task.generator
     width = upper - lower
-    x = task.first_pack()
-    velocity = 0.5 * (uniform_positions(lower, upper, task.pack_size, generator) - x)
+    x = task.first_pack(pack_size)
+    velocity = 0.5 * (task.uniform(pack_size) - x)
     values = tally(x)
     own, own_values = x, values
-    for _ in range(task.iterations):
+    for _ in range(iterations):
         r1, r2 = torch.rand((2, *x.shape), generator=generator, device=x.device, dtype=x.dtype)
         velocity = inertia * velocity + cognitive * r1 * (own - x) + social * r2 * (tally.best - x)
         velocity = velocity.clamp(-width, width)
@@ -61,31 +67,46 @@ def particle_swarm_search(
     return tally.result(x, values)
 
 
-class ParticleSwarm(PackOptimizer):
+@dataclass(kw_only=True, eq=False)
+class ParticleSwarm(ChosenWeights):
     """Weights that minimise the objective, by a particle swarm in every iteration.
 
-    Args:
+    Attributes:
+        pack_size: particles, at least 3.
+        iterations: moves of the swarm per training iteration, at least 1.
         inertia: factor of the velocity, from 0 to 1.
         cognitive: largest pull towards the particle's own best position, from 0 to 4.
         social: largest pull towards the swarm's best position, from 0 to 4.
-        Others: see `PackOptimizer`.
-
-    Raises:
-        ValueError: a setting outside its range.
     """
 
-    def __init__(
-        self,
-        *arguments: Any,
-        inertia: float = 0.7298,
-        cognitive: float = 1.49618,
-        social: float = 1.49618,
-        **settings: Any,
-    ) -> None:
-        super().__init__(*arguments, **settings)
-        check_number("inertia", inertia, 0.0, 1.0)
-        check_number("cognitive", cognitive, 0.0, 4.0)
-        check_number("social", social, 0.0, 4.0)
-        self.algorithm = partial(
-            particle_swarm_search, inertia=inertia, cognitive=cognitive, social=social
+    pack_size: int
+    iterations: int
+    lower: float
+    upper: float
+    tie_break: TieBreak
+    warm_start: bool
+    inertia: float
+    cognitive: float
+    social: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, self.tie_break)
+        check_at_least("pack_size", self.pack_size, 3)
+        check_at_least("iterations", self.iterations, 1)
+        check_choice("warm_start", self.warm_start, (True, False))
+        check_within("inertia", self.inertia, 0.0, 1.0)
+        check_within("cognitive", self.cognitive, 0.0, 4.0)
+        check_within("social", self.social, 0.0, 4.0)
+
+    def search(self, objective_fn: WeightFunction) -> SearchResult:
+        """One particle swarm search."""
+        return particle_swarm_search(
+            objective_fn,
+            self.warm_task(self.warm_start),
+            pack_size=self.pack_size,
+            iterations=self.iterations,
+            inertia=self.inertia,
+            cognitive=self.cognitive,
+            social=self.social,
         )

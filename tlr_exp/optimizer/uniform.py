@@ -4,15 +4,24 @@ What an optimizer gains over the static reward could come from the mere change o
 Any claim for an optimizer must therefore beat this one.
 """
 
-from tlr_exp.optimizer.base import SearchResult, unsearched
-from tlr_exp.optimizer.box import BoxOptimizer, uniform_positions
+from dataclasses import dataclass
+
+from tlr_exp.optimizer.base import ChosenWeights
+from tlr_exp.optimizer.search import SearchResult, unsearched
 from tlr_exp.reward.objectives import WeightFunction
 
 
-class UniformWeights(BoxOptimizer):
+@dataclass(kw_only=True, eq=False)
+class UniformWeights(ChosenWeights):
     """Weights drawn from the uniform distribution on [lower, upper]^num_terms."""
+
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.set_box(self.lower, self.upper, tie_break="first")
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
         """One random weight vector; its J is computed only to be recorded."""
-        weights = uniform_positions(self.lower, self.upper, 1, self.generator)[0]
-        return unsearched(weights, objective_fn)
+        return unsearched(self.task.uniform(1)[0], objective_fn)

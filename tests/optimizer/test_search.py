@@ -4,9 +4,9 @@ import math
 
 import pytest
 import torch
-from landscapes import Recorder, sphere
+from landscapes import Recorder, box, sphere
 
-from tlr_exp.optimizer.pack import BudgetSpent, Tally, best_first, improves
+from tlr_exp.optimizer.search import BudgetSpent, Tally, best_first, improves
 
 # Norms 1, 5, 5, 13; the second and the fourth are equally good.
 POSITIONS = torch.tensor([[1.0, 0.0], [3.0, 4.0], [4.0, 3.0], [5.0, 12.0]])
@@ -30,7 +30,7 @@ def test_only_a_larger_norm_improves_on_an_equal() -> None:
 
 
 def tally(recorder: Recorder, **settings) -> Tally:
-    return Tally(recorder, torch.full((2,), -2.0), torch.full((2,), 2.0), **settings)
+    return Tally(recorder, box(-2.0, 2.0, 2), **settings)
 
 
 def test_positions_are_clipped_and_counted_and_the_best_is_kept() -> None:
