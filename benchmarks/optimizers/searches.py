@@ -11,7 +11,8 @@ from scipy.optimize import differential_evolution
 from torch import Tensor, from_numpy
 
 from benchmarks.optimizers.problems import Problem
-from tlr_exp.config.load import CONFIG_PATH, instantiate
+from tlr_exp.config.components import instantiate
+from tlr_exp.config.load import CONFIG_PATH
 from tlr_exp.reward.objectives import RankDeviation
 
 PACK_SIZE, ITERATIONS = 30, 50
@@ -33,9 +34,8 @@ def ours(choice: str) -> Search:
         box = {"lower": problem.lower, "upper": problem.upper}
         wrapped = {"inner": box, "rest": problem.upper}
         settings = OmegaConf.merge(config, wrapped if "inner" in config else box)
-        optimizer = instantiate(
-            settings, num_terms=problem.dims, objective=RankDeviation(), seed=seed
-        )
+        given = {"num_terms": problem.dims, "objective": RankDeviation(0.1), "seed": seed}
+        optimizer = instantiate("optimizer", settings, **given)
         return optimizer.search(problem.value).value
 
     return search

@@ -7,7 +7,7 @@ import pytest
 import torch
 from landscapes import Recorder, uneven_bowl
 
-from tlr_exp.config.load import instantiate
+from tlr_exp.config.components import instantiate
 from tlr_exp.optimizer.curriculum import PenaltyCurriculum
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.optimizer.random_search import random_search
@@ -77,7 +77,7 @@ def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
 
     def end(**changes: Any) -> float:
         curriculum = instantiate(
-            {**settings.optimizer, **changes}, num_terms=2, objective=RankDeviation()
+            "optimizer", {**settings.optimizer, **changes}, num_terms=2, objective=RankDeviation()
         )
         for _ in range(settings.scale.iterations):
             curriculum.observe(TrainingProgress(200.0, settings.ppo.num_steps))

@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 import conf
 from tlr_exp import keys
-from tlr_exp.config.load import instantiate
+from tlr_exp.config.components import instantiate
 from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 from tlr_exp.reward.objectives import RankDeviation
 
@@ -48,6 +48,7 @@ def make(
 ) -> Any:  # a WeightOptimizer, most of them with more
     config = OmegaConf.to_container(OmegaConf.merge(composed(choice), settings))
     optimizer: WeightOptimizer = instantiate(
+        "optimizer",
         config,  # type: ignore[arg-type]
         num_terms=num_terms,
         objective=RankDeviation(),
