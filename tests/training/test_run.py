@@ -8,9 +8,10 @@ import pytest
 
 from tlr_exp.config.components import instantiate
 from tlr_exp.config.load import ConfigError
+from tlr_exp.machine.terminal import print_error
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.records.metrics_file import DamagedMetricsError
-from tlr_exp.training.run import check_inputs, check_lower_layer, check_world, print_error
+from tlr_exp.training.run import check_inputs, check_lower_layer, check_world
 
 
 def break_down(**arguments):
@@ -97,8 +98,6 @@ def test_a_part_that_breaks_is_told_with_its_traceback_and_a_wrong_key_without(c
 
 
 def test_failures_of_a_training_are_explained_and_others_are_not(capsys):
-    import tlr_exp.training.loop  # noqa: F401  # whose failures they are
-
     print_error(DamagedMetricsError("metrics.jsonl, line 3: no metrics"))
     assert capsys.readouterr().err == "metrics.jsonl, line 3: no metrics\n"
     print_error(KeyError("a bug"))

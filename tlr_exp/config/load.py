@@ -225,7 +225,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
 
 
 def _limit_problems(optimizer: Mapping[str, Any]) -> Iterator[str]:
-    """Limits of what is no cost: an optimizer cannot tell, as it passes over terms that it lacks."""
+    """Limits of what is no cost. The optimizer passes over limits of terms that it has not."""
     limits = optimizer["limits"] if _has_limits(optimizer) else None
     for name in limits or {}:
         if name not in keys.LOWER_LAYER_TERMS:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import traceback
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +13,7 @@ from tlr_exp.config.input_files import file_hashes
 from tlr_exp.config.limits import check_starts
 from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import Settings
+from tlr_exp.errors import UserError
 from tlr_exp.mlflow_sync.mirror import (
     Mirror,
     check_tracking_uri,
@@ -23,21 +22,13 @@ from tlr_exp.mlflow_sync.mirror import (
 )
 from tlr_exp.records.credentials import has_credentials
 from tlr_exp.records.extending import complete_extension
-from tlr_exp.records.run_directory import (
-    FAILED,
-    INTERRUPTED,
-    RUNNING,
-    RunDirectory,
-    RunDirectoryError,
-)
+from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
 from tlr_exp.robot.g1 import CONTROL_DT_S
 
 if TYPE_CHECKING:
     from tlr_exp.training.loop import Outcome
-
-EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
 
 
 def tracking_uri(settings: Settings) -> str | None:
@@ -53,7 +44,7 @@ def tracking_uri(settings: Settings) -> str | None:
             return default_tracking_uri(settings.runs_dir)
         if has_credentials(settings.tracking_uri):
             # The configuration is kept in the run directory and shown in MLflow.
-            raise ValueError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
+            raise UserError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
         return check_tracking_uri(settings.tracking_uri)
     except ValueError as error:
         raise ConfigError(f"tracking_uri: {error}") from error
@@ -205,18 +196,3 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
     print(f"evaluate         tlr-evaluate {run.path}")
     if uri is not None:
         print(f"dashboard        {how_to_open(uri, run.path.parent.parent)}")
-
-
-def print_error(error: BaseException) -> None:
-    """Say on stderr what went wrong; with a traceback where the message does not say it all."""
-    explained = (ConfigError, RunDirectoryError, StorageError, *explained_failures())
-    if isinstance(error, explained):
-        print(error, file=sys.stderr)
-    else:
-        traceback.print_exception(error)
-
-
-def explained_failures() -> tuple[type[Exception], ...]:
-    """Failures of a training that say what to do; loaded by then, if they can occur at all."""
-    training = sys.modules.get("tlr_exp.training.loop")
-    return () if training is None else training.EXPLAINED_FAILURES
