@@ -61,7 +61,7 @@ def print_sizes(batches: dict[int, Batch], names: list[str]) -> None:
 @style.styled
 def axes_figure(batch: Batch, names: list[str]) -> Figure:
     """J along each weight, all others at 0 (left) and all others at 1 (right)."""
-    objective = RankDeviation().prepare(*batch)
+    objective = RankDeviation(0.1).prepare(*batch)
     figure, axes = style.new_figure(style.TWO_COLUMNS_IN, 2.6, columns=2, sharey=True)
     for panel, (others, letter) in enumerate(((0.0, "a"), (1.0, "b"))):
         for index, name in enumerate(names):
@@ -86,14 +86,14 @@ def scale_figure(batches: dict[int, Batch]) -> Figure:
     """Share of the box that is optimal, and J of the static reward, by the penalties' scale."""
     figure, axes = style.new_figure(style.TWO_COLUMNS_IN, 2.6, columns=2)
     for index, (iteration, (goal, terms)) in enumerate(batches.items()):
-        sample = BoxSample(terms.shape[1], RankDeviation())
+        sample = BoxSample(terms.shape[1], RankDeviation(0.1))
         static = torch.ones(1, terms.shape[1])
         shares, values = [], []
         for scale in SCALES:
             scaled = float(scale) * terms
             # Zero weights always reach J = 0, so 0 is the minimum.
             shares.append(sample.optimal_share(goal, scaled, found=0.0))
-            values.append(RankDeviation().prepare(goal, scaled)(static).item())
+            values.append(RankDeviation(0.1).prepare(goal, scaled)(static).item())
         look = {
             "color": COLORS[index],
             "linestyle": LINES[index],
@@ -121,9 +121,10 @@ def scale_figure(batches: dict[int, Batch]) -> Figure:
 def returned_figure(batch: Batch, names: list[str]) -> Figure:
     """Which weights the search returns, from many seeds on one and the same batch."""
     figure, axes = style.new_figure(style.TWO_COLUMNS_IN, 2.6, columns=2, sharey=True)
+    objective = RankDeviation(0.1)
     for panel, tie_break in enumerate(("first", "largest_norm")):
         found = [
-            configured("gwo", len(names), RankDeviation(), seed, tie_break=tie_break).update(*batch)
+            configured("gwo", len(names), objective, seed, tie_break=tie_break).update(*batch)
             for seed in range(SEARCHES)
         ]
         weights = torch.stack([update.weights for update in found]).numpy()

@@ -26,7 +26,7 @@ def test_native_step_against_a_bare_batch(num_envs, benchmark):
     bound, no foot sensors to evaluate and nobody who looks at its results.
     """
     robot = build_robot()
-    physics = NativePhysics(robot, num_envs)
+    physics = NativePhysics(robot, num_envs, num_threads=0)
     generator = torch.Generator().manual_seed(0)
     default = torch.from_numpy(robot.default_joint_pos_rad).float()
     qpos = torch.zeros(num_envs, 30)

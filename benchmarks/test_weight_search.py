@@ -76,7 +76,7 @@ def test_weight_search(benchmark: BenchmarkFixture, kind: str) -> None:
 
     found = benchmark.pedantic(
         lambda fast: fast.update(goal_return, term_returns),
-        setup=lambda: ((optimizer(RankDeviation()),), {}),
+        setup=lambda: ((optimizer(RankDeviation(0.1)),), {}),
         rounds=15,
         warmup_rounds=1,
     )

@@ -11,15 +11,15 @@ from pathlib import Path
 from analysis.commands.sources import (
     add_selection,
     add_sources,
+    advice,
     check_sources,
     source_names,
     study_of,
-    with_advice,
 )
 from analysis.data.starts import STARTS
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Study
 from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_tables
-from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.machine.terminal import add_version, command
 from tlr_exp.records.places import plain_command
 
 _EPILOG = """\
@@ -32,14 +32,14 @@ the tables name neither people nor machines.
 """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@command("tlr-export")
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
-    show_any_text()
     parser = export_parser()
     options = parser.parse_args(arguments)
     check_sources(parser, options)
     words = sys.argv[1:] if arguments is None else list(arguments)
-    try:
+    with advice():
         is_occupied(options.output, options.force)  # before runs are loaded
         study = study_of(options)
         manifest = write_tables(
@@ -49,14 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command=plain_command(shlex.join(["tlr-export", *words])),
             force=options.force,
         )
-    except StudyError as error:
-        print(f"tlr-export: {with_advice(str(error))}", file=sys.stderr)
-        return 1
     for line in _report(study, options.output):
         print(line)
     for note in manifest["notes"]:
         print(f"  note: {note}")
-    return 0
 
 
 def export_parser() -> argparse.ArgumentParser:
@@ -67,6 +63,7 @@ def export_parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add_version(parser)
     add_sources(parser)
     add_selection(parser)
     parser.add_argument(

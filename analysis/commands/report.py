@@ -10,36 +10,28 @@ from pathlib import Path
 from analysis.commands.sources import (
     add_selection,
     add_sources,
+    advice,
     check_sources,
     study_of,
-    with_advice,
 )
-from analysis.data.study import StudyError
 from analysis.report.content import gather
-from analysis.report.pages import ReportExistsError, check_place, write_report
-from tlr_exp.machine.terminal import show_any_text
+from analysis.report.pages import check_place, write_report
+from tlr_exp.machine.terminal import add_version, command
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@command("tlr-report")
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. 0: written; 1: refused, nothing was written; 2: wrong arguments."""
-    show_any_text()
     parser = report_parser()
     options = parser.parse_args(arguments)
     check_sources(parser, options)
-    try:
+    with advice():
         check_place(options.output, options.force)  # before a minute of statistics
         study = study_of(options)
         commands = options.repeat or study.runs["command"].tolist()
         report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
         page = write_report(report, options.output, options.force)
-    except StudyError as error:
-        print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
-        return 1
-    except (ReportExistsError, OSError) as error:
-        print(f"tlr-report: {error}", file=sys.stderr)
-        return 1
     print(page)
-    return 0
 
 
 def report_parser() -> argparse.ArgumentParser:
@@ -50,6 +42,7 @@ def report_parser() -> argparse.ArgumentParser:
         "as report.md, its figures (each, and figures.pdf), comparison.tex (the main comparison as "
         "a LaTeX table), and statistics.json.",
     )
+    add_version(parser)
     add_sources(parser)
     add_selection(parser)
     parser.add_argument(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -196,9 +197,21 @@ def _keys(text: str) -> list[str]:
     return [key.strip() for key in text.split(",") if key.strip()]
 
 
-def with_advice(problems: str) -> str:
-    """Problems, each on a line, with the arguments that would take such runs all the same."""
-    advice = {
+@contextmanager
+def advice() -> Iterator[None]:
+    """Problems of a study are told with the arguments that would take such runs all the same.
+
+    Raises:
+        StudyError: as the body, with the advice.
+    """
+    try:
+        yield
+    except StudyError as error:
+        raise StudyError(_with_advice(str(error))) from error
+
+
+def _with_advice(problems: str) -> str:
+    arguments = {
         " after ": "--allow-unfinished takes runs as far as they have come",
         "has no run": "--allow-unfinished leaves out jobs without a run",
         " lacks seed ": "--seeds common leaves out what not every arm has finished",
@@ -208,5 +221,5 @@ def with_advice(problems: str) -> str:
         " is not empty": "--force replaces the tables in it",
     }
     lines = problems.splitlines()
-    hints = [hint for sign, hint in advice.items() if any(sign in line for line in lines)]
+    hints = [hint for sign, hint in arguments.items() if any(sign in line for line in lines)]
     return "\n".join([*lines, *(f"({hint})" for hint in hints)])

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype, is_integer_dtype
 
+from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION, METHOD_NAMES
 
 FINISHED = "finished"
@@ -29,7 +30,7 @@ NUMBER_COLUMNS = ("seed", "num_envs", "iterations", "control_steps")
 CURVE_KEYS = (RUN, "arm", "seed", ITERATION)
 
 
-class StudyError(ValueError):
+class StudyError(UserError):
     """The data are no usable study; each line of the message names one problem."""
 
 

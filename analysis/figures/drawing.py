@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 
 from analysis.data.study import Study, pretty_arm
 from analysis.figures.style import TIMES
+from tlr_exp.errors import UserError
 
 
-class NotDrawnError(ValueError):
+class NotDrawnError(UserError):
     """The study has not the data that a figure needs; the message is the reason, for a reader."""
 
 

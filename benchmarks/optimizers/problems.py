@@ -106,7 +106,7 @@ def recorded_landscapes(path: Path = LANDSCAPES) -> list[Problem]:
     problems = []
     for lower in SMALLEST_WEIGHTS:
         for iteration in iterations:
-            function = RankDeviation().prepare(
+            function = RankDeviation(0.1).prepare(
                 arrays[f"goal_return_{iteration}"], arrays[f"term_returns_{iteration}"]
             )
             group = f"J, weights from {lower:g} to 1"

@@ -13,7 +13,8 @@ from scipy.optimize import differential_evolution
 from torch import Tensor, from_numpy
 
 from benchmarks.optimizers.problems import Problem
-from tlr_exp.config.load import CONFIG_PATH, instantiate
+from tlr_exp.config.components import instantiate
+from tlr_exp.config.load import CONFIG_PATH
 from tlr_exp.reward.objectives import Objective, RankDeviation
 
 PACK_SIZE, ITERATIONS = 30, 50
@@ -36,8 +37,10 @@ def configured(
     choice: str, num_terms: int, objective: Objective, seed: int, **settings: Any
 ) -> Any:  # a WeightOptimizer, most of them with more
     """An optimizer of `conf/optimizer`, in which `settings` replace those of its file."""
+    config = OmegaConf.merge(_settings(choice), settings)
     return instantiate(
-        OmegaConf.merge(_settings(choice), settings),  # type: ignore[arg-type]
+        "optimizer",
+        OmegaConf.to_container(config, resolve=True),  # type: ignore[arg-type]
         num_terms=num_terms,
         objective=objective,
         seed=seed,
@@ -52,7 +55,7 @@ def ours(choice: str) -> Search:
         settings = box = {"lower": problem.lower, "upper": problem.upper}
         if "inner" in _settings(choice):
             settings = {"inner": box, "rest": problem.upper}
-        optimizer = configured(choice, problem.dims, RankDeviation(), seed, **settings)
+        optimizer = configured(choice, problem.dims, RankDeviation(0.1), seed, **settings)
         return optimizer.search(problem.value).value
 
     return search

@@ -259,7 +259,7 @@ def test_choices_that_do_not_exist_are_refused_with_those_that_do(
 ):
     settings = dataclasses.replace(settings_of().env, **{name: "histroy"})
     reference = Reference(short_clip)
-    with pytest.raises(ValueError, match=f"env.{name} is 'histroy'; allowed are {allowed}"):
+    with pytest.raises(ValueError, match=f"env.{name} is 'histroy'; allowed: {allowed}"):
         TrackingEnv(
             Playback(reference, NUM_ENVS), reference, robot, {"body_pos": {}}, settings, 1, 0
         )

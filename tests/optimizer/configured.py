@@ -6,7 +6,7 @@ from typing import Any
 from hydra import compose, initialize_config_module
 from omegaconf import OmegaConf
 
-from tlr_exp.config.load import instantiate
+from tlr_exp.config.components import instantiate
 from tlr_exp.reward.objectives import Objective, RankDeviation
 
 
@@ -19,10 +19,12 @@ def make(
     **settings: Any,
 ) -> Any:  # a WeightOptimizer, most of them with more
     """The optimizer of `conf/optimizer`, in which `settings` replace those of its file."""
+    config = OmegaConf.merge(_composed(choice, *overrides), settings)
     return instantiate(
-        OmegaConf.merge(_composed(choice, *overrides), settings),  # type: ignore[arg-type]
+        "optimizer",
+        OmegaConf.to_container(config),  # type: ignore[arg-type]
         num_terms=num_terms,
-        objective=objective or RankDeviation(),
+        objective=objective or RankDeviation(0.1),
         seed=seed,
         device="cpu",
     )

@@ -112,7 +112,7 @@ def test_a_warm_start_begins_at_the_last_weights() -> None:
     [
         ({"pack_size": 3}, "pack_size is 3; allowed: at least 4"),
         ({"initial_std": 0.0}, r"initial_std is 0\.0; allowed: from 1e-06 to 1"),
-        ({"separable": "no"}, "separable is 'no'; allowed: True, False"),
+        ({"separable": "no"}, "separable is 'no'; allowed: true or false"),
         ({"resampling": 0}, "resampling is 0; allowed: at least 1"),
     ],
 )

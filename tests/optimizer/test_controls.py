@@ -8,7 +8,7 @@ import torch
 from configured import make
 from landscapes import Recorder, uneven_bowl
 
-from tlr_exp.config.load import instantiate
+from tlr_exp.config.components import instantiate
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.optimizer.random_search import random_search
 from tlr_exp.optimizer.search import SearchTask
@@ -81,9 +81,10 @@ def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
 
     def end(**changes: Any) -> float:
         curriculum = instantiate(
+            "optimizer",
             {**settings.optimizer, **changes},
             num_terms=2,
-            objective=RankDeviation(),
+            objective=RankDeviation(0.1),
             seed=0,
             device="cpu",
         )

@@ -22,7 +22,6 @@ from mealpy import FloatVar
 from mealpy.swarm_based.GWO import OriginalGWO
 from torch import Tensor
 
-from tlr_exp.config.load import ConfigError
 from tlr_exp.optimizer.gwo import GreyWolfOptimizer, grey_wolf_search
 from tlr_exp.optimizer.search import SearchResult
 from tlr_exp.reward.objectives import RankDeviation
@@ -233,12 +232,12 @@ def test_a_persistent_pack_of_another_size_is_refused() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"persistent": 2}, "persistent is 2; allowed: True, False"),
+        ({"persistent": 2}, "persistent is 2; allowed: true or false"),
         ({"pack_size": 2}, "pack_size is 2; allowed: at least 3"),
-        ({"pack_size": "many"}, "pack_size is 'many'; allowed: at least 3"),
+        ({"pack_size": "many"}, "pack_size is 'many'; allowed: a whole number"),
         ({"iterations": 0}, "iterations is 0; allowed: at least 1"),
         ({"tie_break": "last"}, "tie_break is 'last'; allowed: first, largest_norm"),
-        ({"warm_start": "yes"}, "warm_start is 'yes'; allowed: True, False"),
+        ({"warm_start": "yes"}, "warm_start is 'yes'; allowed: true or false"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> None:
@@ -246,14 +245,9 @@ def test_bad_settings_are_refused(settings: dict[str, Any], message: str) -> Non
         make("gwo", **settings)
 
 
-def test_a_pack_of_no_whole_number_is_refused_by_the_configuration(settings_of) -> None:
-    with pytest.raises(ConfigError, match=r"optimizer\.pack_size"):
-        settings_of("optimizer=gwo", "optimizer.pack_size=30.5")
-
-
 def test_runs_of_the_first_version_do_not_say_whether_the_pack_lives_on() -> None:
     box_of_it = {"lower": 0.0, "upper": 1.0, "tie_break": "first", "warm_start": False}
-    given = {"num_terms": 3, "objective": RankDeviation(), "seed": 0, "device": "cpu"}
+    given = {"num_terms": 3, "objective": RankDeviation(0.1), "seed": 0, "device": "cpu"}
     made = GreyWolfOptimizer(pack_size=30, iterations=50, **box_of_it, **given)
     assert set(made.state_dict()) == {"generator", "last_weights"}
 

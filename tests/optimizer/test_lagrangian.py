@@ -10,6 +10,7 @@ from tlr_exp.optimizer.lagrangian import LagrangianWeights
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.training.run import check_lower_layer
 
 OBJECTIVE = RankDeviation(0.34)
 RETURNS = (torch.tensor([3.0, 2.0, 1.0]), torch.zeros(3, 2))
@@ -115,13 +116,12 @@ def test_costs_that_do_not_fit_are_refused():
     ("override", "message"),
     [
         ("+optimizer.limits.body_pos=1.0", "optimizer.limits.body_pos is no term of the lower"),
-        ("optimizer.limits.ang_vel_xy=-1.0", "optimizer.limits.ang_vel_xy is -1.0; allowed: a num"),
-        ("optimizer.largest=0", "optimizer.largest is 0; allowed: above 0"),
+        ("optimizer.limits.ang_vel_xy=-1.0", r"^optimizer.*ang_vel_xy .* above 0"),
     ],
 )
 def test_a_wrong_limit_is_refused_by_its_key(settings_of, override, message):
     with pytest.raises(ConfigError, match=message):
-        settings_of("optimizer=lagrangian", override)
+        check_lower_layer(settings_of("optimizer=lagrangian", override))
 
 
 def configured(*overrides: str) -> dict:

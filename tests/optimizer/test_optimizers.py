@@ -53,7 +53,7 @@ def test_the_update_describes_its_weights(choice: str) -> None:
     assert update.weights.shape == (NUM_TERMS,)
     assert update.weights.dtype == torch.float32
     assert ((update.weights >= 0) & (update.weights <= 1)).all()
-    objective = RankDeviation().prepare(goal_return, term_returns)
+    objective = RankDeviation(0.1).prepare(goal_return, term_returns)
     assert update.objective == objective(update.weights[None]).item()
     assert update.baseline_objective == objective(torch.ones(1, NUM_TERMS)).item() > 0
     assert 0.0 <= update.optimal_share <= 1.0  # the last pack may have moved off the best

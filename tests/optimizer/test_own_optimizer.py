@@ -10,12 +10,13 @@ from configured import make
 from hydra import compose, initialize_config_module
 from landscapes import Recorder, uneven_bowl
 
-from tlr_exp.config.load import ConfigError, instantiate, load_settings
+from tlr_exp.config.components import instantiate
+from tlr_exp.config.load import ConfigError, load_settings
 from tlr_exp.reward.objectives import RankDeviation
 from tlr_exp.training.run import check_lower_layer
 
 PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
-GIVEN: dict[str, Any] = {"num_terms": 6, "objective": RankDeviation(), "device": "cpu"}
+GIVEN: dict[str, Any] = {"num_terms": 6, "objective": RankDeviation(0.1), "device": "cpu"}
 
 
 @pytest.fixture
@@ -43,7 +44,9 @@ def settings_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 def test_it_searches_and_goes_on_from_a_checkpoint_to_the_same_bits(settings_with) -> None:
     settings = settings_with("optimizer=hill_climb")
     check_lower_layer(settings)
-    whole, resumed = (instantiate(settings.optimizer, **GIVEN, seed=seed) for seed in (0, 1))
+    whole, resumed = (
+        instantiate("optimizer", settings.optimizer, **GIVEN, seed=seed) for seed in (0, 1)
+    )
     recorder = Recorder(uneven_bowl)
     found = whole.search(recorder)
     assert found.evaluations == recorder.calls == 1530
@@ -63,5 +66,5 @@ def test_it_serves_inside_another(settings_with) -> None:
         "optimizer=effective_dimension", "optimizer@optimizer.inner=hill_climb"
     )
     recorder = Recorder(uneven_bowl)
-    found = instantiate(settings.optimizer, **GIVEN, seed=0).search(recorder)
+    found = instantiate("optimizer", settings.optimizer, **GIVEN, seed=0).search(recorder)
     assert found.evaluations == recorder.calls == 1530

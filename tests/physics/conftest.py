@@ -68,7 +68,7 @@ def make_mjx(robot: Robot) -> Callable[..., Any]:
         if (impl, device) not in made:
             from tlr_exp.physics.mjx import MjxPhysics
 
-            made[impl, device] = MjxPhysics(robot, 8, impl=impl, device=device)
+            made[impl, device] = MjxPhysics(robot, 8, impl, 35, 250, device=device)
         return made[impl, device]
 
     return make

@@ -15,6 +15,7 @@ from tlr_exp.physics.mjx import MjxPhysics
 from tlr_exp.physics.state import PhysicsState
 
 NUM_ENVS = 8
+SETTINGS = {"num_envs": 1, "impl": "jax", "max_contacts": 35, "max_constraints": 250}
 
 
 @pytest.fixture
@@ -149,31 +150,33 @@ def test_wrong_target_is_refused(physics) -> None:
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs is 0"),
-        ({"impl": "cuda"}, "physics.impl is 'cuda'; allowed are jax, warp"),
+        ({"impl": "cuda"}, "impl is 'cuda'; allowed: jax, warp"),
+        ({"max_contacts": 0}, "max_contacts is 0; allowed: at least 1"),
+        ({"max_constraints": -2}, "max_constraints is -2; allowed: at least 1"),
     ],
 )
 def test_impossible_arguments_are_refused(robot, arguments: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        MjxPhysics(robot, **({"num_envs": 1} | arguments))
+        MjxPhysics(robot, **SETTINGS | arguments)
 
 
 def test_missing_warp_names_the_extra_to_install(robot, monkeypatch) -> None:
     monkeypatch.setattr(mjx_physics.mjx_warp, "WARP_INSTALLED", False)
     with pytest.raises(ValueError, match=r"warp-lang: pip install -e '\.\[gpu\]'"):
-        MjxPhysics(robot, 1, impl="warp")
+        MjxPhysics(robot, **SETTINGS | {"impl": "warp"})
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
 def test_missing_cuda_is_refused(robot) -> None:
     with pytest.raises(ValueError, match=r"device is cuda:0, but JAX finds no such device"):
-        MjxPhysics(robot, 1, device="cuda")
+        MjxPhysics(robot, **SETTINGS, device="cuda")
 
 
 def test_model_beyond_mjx_is_refused(robot) -> None:
     model = copy.copy(robot.model)
     model.opt.solver = mujoco.mjtSolver.mjSOL_PGS
     with pytest.raises(ValueError, match=r"cannot simulate this robot .*PGS.*physics=native"):
-        MjxPhysics(replace(robot, model=model), 1)
+        MjxPhysics(replace(robot, model=model), **SETTINGS)
 
 
 def _run_python(code: str, timeout_s: float) -> subprocess.CompletedProcess[str]:
@@ -198,7 +201,7 @@ def test_jax_used_too_early_is_told() -> None:
         "jax.devices('cpu')\n"
         "from tlr_exp.physics.mjx import MjxPhysics\n"
         "from tlr_exp.robot.model import build_robot\n"
-        "MjxPhysics(build_robot(), 1, device='cpu')\n",
+        "MjxPhysics(build_robot(), 1, 'jax', 35, 250, device='cpu')\n",
         timeout_s=120,
     )
     assert "RuntimeWarning: jax was used before MjxPhysics was made" in finished.stderr
@@ -212,7 +215,7 @@ def test_256_environments_step_on_two_cpu_threads_without_hanging() -> None:
         "import torch\n"
         "from tlr_exp.physics.mjx import MjxPhysics\n"
         "from tlr_exp.robot.model import build_robot\n"
-        "physics = MjxPhysics(build_robot(), 256, device='cpu')\n"
+        "physics = MjxPhysics(build_robot(), 256, 'jax', 35, 250, device='cpu')\n"
         "for _ in range(3):\n"
         "    state = physics.step(torch.zeros(256, 23))\n"
         "print(torch.isfinite(state.qpos).all().item())\n",

@@ -51,7 +51,7 @@ def test_no_number_of_threads_means_the_cores_of_this_process_not_of_the_machine
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(allowed)})
     try:
-        assert NativePhysics(robot, 4).num_threads == 1
+        assert NativePhysics(robot, 4, num_threads=0).num_threads == 1
         assert NativePhysics(robot, 4, num_threads=3).num_threads == 3
     finally:
         os.sched_setaffinity(0, allowed)
@@ -209,7 +209,7 @@ def test_simulation_that_the_engine_refuses_is_returned_as_not_finite(
 
 
 def test_engine_warnings_of_another_kind_reach_python(robot, monkeypatch) -> None:
-    physics = NativePhysics(robot, 1)
+    physics = NativePhysics(robot, 1, num_threads=0)
     step = physics._batch.step
 
     def noisy_step(**arguments: int) -> None:
@@ -225,14 +225,17 @@ def test_engine_warnings_of_another_kind_reach_python(robot, monkeypatch) -> Non
 
 def test_the_robot_s_own_model_is_left_alone(robot) -> None:
     flags = robot.model.opt.disableflags
-    NativePhysics(robot, 1)
+    NativePhysics(robot, 1, num_threads=0)
     assert robot.model.opt.disableflags == flags
     assert not flags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [({"num_envs": 0}, "num_envs is 0"), ({"num_envs": 1, "num_threads": -1}, "num_threads is -1")],
+    [
+        ({"num_envs": 0, "num_threads": 0}, "num_envs is 0"),
+        ({"num_envs": 1, "num_threads": -1}, "num_threads is -1"),
+    ],
 )
 def test_impossible_sizes_are_refused(robot, arguments: dict[str, int], message: str) -> None:
     with pytest.raises(ValueError, match=message):

@@ -108,7 +108,7 @@ def test_equals_a_naive_sort_on_continuous_values(scale: float) -> None:
     goal = rng.normal(size=300)
     terms = -scale * rng.random(size=(300, 7))
     pack = rng.random(size=(6, 7))
-    objective = RankDeviation().prepare(torch.from_numpy(goal), torch.from_numpy(terms))
+    objective = RankDeviation(0.1).prepare(torch.from_numpy(goal), torch.from_numpy(terms))
     expected = [naive_objective(list(goal), terms.tolist(), list(w), 30) for w in pack]
     assert any(expected)
     assert objective(torch.from_numpy(pack)).tolist() == expected
@@ -138,7 +138,7 @@ def test_the_order_of_the_environments_does_not_matter_to_the_bit(seed: int) -> 
     goal[200:] = goal[200]  # and many that do not differ at all
     pack = torch.rand(5, 7, generator=generator)
     shuffled = torch.randperm(257, generator=generator)
-    deviation = RankDeviation()
+    deviation = RankDeviation(0.1)
     assert torch.equal(
         deviation.prepare(goal, terms)(pack),
         deviation.prepare(goal[shuffled], terms[shuffled])(pack),
@@ -160,12 +160,12 @@ def test_ranks_are_those_of_double_precision() -> None:
     # K = 1. In float32 the first two would tie; here the first falls to 2: ((1 - 2) / 100)^2.
     goal = torch.tensor([1.0, 1.0 - 1e-10] + [0.0] * 8, dtype=torch.float64)
     terms = torch.tensor([[-2e-10]] + [[0.0]] * 9, dtype=torch.float64)
-    objective = RankDeviation().prepare(goal, terms)
+    objective = RankDeviation(0.1).prepare(goal, terms)
     assert objective(torch.tensor([[1.0], [0.25]])).tolist() == [0.0001, 0.0]
 
 
 def test_identical_trajectories_give_zero_at_every_weight() -> None:
-    objective = RankDeviation().prepare(torch.full((50,), 1.1), torch.full((50, 3), -0.7))
+    objective = RankDeviation(0.1).prepare(torch.full((50,), 1.1), torch.full((50, 3), -0.7))
     pack = torch.rand(8, 3, generator=torch.Generator().manual_seed(0))
     assert objective(pack).tolist() == [0.0] * 8
 
@@ -173,7 +173,7 @@ def test_identical_trajectories_give_zero_at_every_weight() -> None:
 def test_minus_zero_is_zero() -> None:
     # All r_t are 0 or -0: equal, so the initial order stays, however the signs lie.
     goal = torch.tensor([-0.0, 0.0] * 10)
-    objective = RankDeviation().prepare(goal, torch.zeros(20, 1))
+    objective = RankDeviation(0.1).prepare(goal, torch.zeros(20, 1))
     assert objective(torch.ones(1, 1)).tolist() == [0.0]
 
 
@@ -238,8 +238,8 @@ def test_an_accelerator_finds_the_same_values() -> None:
     goal = torch.randn(4096, generator=generator)
     terms = -torch.rand(4096, 7, generator=generator)
     pack = torch.rand(30, 7, generator=generator)
-    expected = RankDeviation().prepare(goal, terms)(pack)
-    found = RankDeviation().prepare(goal.cuda(), terms.cuda())(pack.cuda())
+    expected = RankDeviation(0.1).prepare(goal, terms)(pack)
+    found = RankDeviation(0.1).prepare(goal.cuda(), terms.cuda())(pack.cuda())
     assert found.device.type == "cuda"
     torch.testing.assert_close(found.cpu(), expected, rtol=1e-6, atol=0.0)
 
@@ -275,7 +275,7 @@ def test_too_few_environments_are_refused_with_what_would_do() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -0.1, 10, float("nan")])
 def test_shares_outside_the_open_unit_interval_are_refused(share: float) -> None:
-    with pytest.raises(ValueError, match="threshold_share must lie strictly between 0 and 1"):
+    with pytest.raises(ValueError, match=r"threshold_share is .*; allowed: above 0 and below 1"):
         RankDeviation(share)
 
 

@@ -150,8 +150,8 @@ def test_wrist_joints_actuators_sensors_and_keyframes_of_the_source_are_gone(rob
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"gains": "stiff"}, "env.robot.gains is 'stiff'; allowed are beyondmimic, asap"),
-        ({"collisions": "none"}, "env.robot.collisions is 'none'; allowed are feet, full"),
+        ({"gains": "stiff"}, "env.robot.gains is 'stiff'; allowed: beyondmimic, asap"),
+        ({"collisions": "none"}, "env.robot.collisions is 'none'; allowed: feet, full"),
     ],
 )
 def test_unknown_choice_names_the_alternatives(arguments: dict[str, str], message: str) -> None:

@@ -6,13 +6,13 @@ import torch
 
 from tlr_exp import keys
 from tlr_exp.assembly.split import build_split
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.result import evaluate_policy
 from tlr_exp.ppo.networks import in_float32
 from tlr_exp.records.checkpoint_files import read_scores
 from tlr_exp.records.extending import extend
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training.loop import (
-    EXPLAINED_FAILURES,
     SNAPSHOT_SHARES,
     Training,
     UnstableSimulationError,
@@ -76,13 +76,13 @@ def test_a_smaller_share_is_counted_and_the_run_goes_on(
 def test_returns_that_are_not_finite_end_the_run_with_an_explanation(tmp_path, settings_of):
     huge = "reward.optimizing.ang_vel_xy=-3e38"  # times what float32 holds
     run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
-    with pytest.raises(EXPLAINED_FAILURES, match="term_returns is not finite"):
+    with pytest.raises(UserError, match="term_returns is not finite"):
         Training(settings_of(*TINY, huge, "optimizer=gwo"), run).train()
 
 
 def test_damaged_metrics_end_a_resume_with_an_explanation(training):
     training.run.metrics_path.write_text("no metrics\n" * 2)
-    with pytest.raises(EXPLAINED_FAILURES, match=r"metrics\.jsonl"):
+    with pytest.raises(UserError, match=r"metrics\.jsonl"):
         training.train()
 
 

@@ -6,10 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from tlr_exp.config.load import ConfigError, instantiate
+from tlr_exp.config.components import instantiate
+from tlr_exp.config.load import ConfigError
+from tlr_exp.machine.terminal import print_error
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.records.metrics_file import DamagedMetricsError
-from tlr_exp.training.run import check_inputs, check_lower_layer, check_world, print_error
+from tlr_exp.training.run import check_inputs, check_lower_layer, check_world
 
 
 def break_down(**arguments):
@@ -20,19 +22,33 @@ def break_down(**arguments):
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["optimizer=effective_dimension", "optimizer.rest=2.0"], "rest"),
-        (["optimizer=effective_dimension", "optimizer.levels=3"], "levels"),
-        (["optimizer=effective_dimension", "optimizer.inner.pack_size=2"], "pack_size"),
-        (["optimizer=ospo", "optimizer.elites=50"], "elites"),
-        (["optimizer=curriculum", "optimizer.initial=2.0"], "initial"),
-        (["+optimizer.colour=1"], "colour"),
+        (["optimizer=effective_dimension", "optimizer.rest=2.0"], r"^optimizer.*rest .* 0 to 1"),
+        (["optimizer=effective_dimension", "optimizer.levels=3"], r"^optimizer.*levels"),
+        (
+            ["optimizer=effective_dimension", "optimizer.inner.pack_size=2"],
+            r"^optimizer\.inner.*pack_size .* at least 3",
+        ),
+        (["optimizer=ospo", "optimizer.elites=50"], r"^optimizer.* at least 50"),
+        (["optimizer=curriculum", "optimizer.initial=2.0"], r"^optimizer.*initial .* 0 to 1"),
+        (["+optimizer.colour=1"], r"no key optimizer\.colour\. Allowed here: .*pack_size"),
+        (["optimizer.tie_break=last"], r"^optimizer.*tie_break is 'last'; .* first, largest_norm"),
+        (["optimizer.pack_size=many"], r"^optimizer.*pack_size .*a whole number"),
+        (["optimizer.lower=2.0"], r"^optimizer: lower 2\.0 and upper 1\.0"),
+        (["reward.objective.threshold_share=1.5"], r"^reward\.objective\.threshold_share is 1\.5"),
+        (["reward.objective.threshold_share=0.001"], r"^reward\.objective: .* num_envs >= 1000"),
+        (["env.robot.gains=soft"], r"env\.robot\.gains is 'soft'; allowed: beyondmimic, asap"),
+        (["physics.num_threads=-1"], r"^physics\.num_threads is -1; allowed: at least 0"),
+        (["physics=mjx", "physics.impl=cuda"], r"^physics\.impl is 'cuda'; allowed: jax, warp"),
+        (["physics=mjx", "physics.max_contacts=0"], r"^physics\.max_contacts is 0; .* at least 1"),
     ],
 )
-def test_what_only_an_optimizer_refuses_is_a_mistake_of_the_configuration(
-    settings_of, overrides, words
-):
+def test_what_only_a_part_refuses_is_a_mistake_of_the_configuration(settings_of, overrides, words):
     with pytest.raises(ConfigError, match=words):
         check_inputs(settings_of(*overrides))
+
+
+def test_an_optimizer_is_not_refused_by_what_others_call_their_settings(settings_of):
+    check_lower_layer(settings_of("optimizer=pso", "optimizer.pack_size=2"))
 
 
 def test_a_package_that_is_missing_is_told_before_a_run_is_made(settings_of, monkeypatch):
@@ -68,22 +84,20 @@ def test_frames_count_at_the_rate_of_the_control(
 
 
 def test_a_part_that_breaks_is_told_with_its_traceback_and_a_wrong_key_without(capsys):
-    for node, traceback in (
-        ({"_target_": f"{__name__}.break_down"}, True),
-        ({"_target_": "tlr_exp.optimizer.zero.ZeroWeights", "colour": 1}, False),
+    for node, kind in (
+        ({"_target_": f"{__name__}.break_down"}, TypeError),
+        ({"_target_": "tlr_exp.optimizer.zero.ZeroWeights", "colour": 1}, ConfigError),
     ):
-        with pytest.raises(ConfigError) as error:
-            instantiate(node, num_terms=6, objective=None)
+        with pytest.raises(kind) as error:
+            instantiate("optimizer", node, num_terms=6, objective=None)
         print_error(error.value)
         printed = capsys.readouterr().err
         assert str(error.value) in printed
-        assert ("in break_down" in printed) is traceback
-        assert ("Traceback" in printed) is traceback
+        assert ("in break_down" in printed) is (kind is TypeError)
+        assert ("Traceback" in printed) is (kind is TypeError)
 
 
 def test_failures_of_a_training_are_explained_and_others_are_not(capsys):
-    import tlr_exp.training.loop  # noqa: F401  # whose failures they are
-
     print_error(DamagedMetricsError("metrics.jsonl, line 3: no metrics"))
     assert capsys.readouterr().err == "metrics.jsonl, line 3: no metrics\n"
     print_error(KeyError("a bug"))

@@ -6,7 +6,8 @@ import dataclasses
 from tlr_exp import keys
 from tlr_exp.assembly.seeds import Seeds
 from tlr_exp.assembly.split import build_split
-from tlr_exp.config.load import ConfigError, instantiate
+from tlr_exp.config.components import instantiate
+from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import EnvSettings, ResetNoise, Settings
 from tlr_exp.env.starts import even_frames
 from tlr_exp.env.tracking import TrackingEnv
@@ -79,7 +80,7 @@ def _build_env(
     reward = settings.reward
     return TrackingEnv(
         physics=instantiate(
-            settings.physics, robot=robot, num_envs=num_envs, device=settings.device
+            "physics", settings.physics, robot=robot, num_envs=num_envs, device=settings.device
         ),
         reference=Reference(clip, settings.device),
         robot=robot,

@@ -12,7 +12,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import NoReturn
 
-from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.errors import UserError
+from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
 from tlr_exp.mlflow_sync.mirror import URI_VARIABLE, default_tracking_uri, sqlite_path
 from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.runs import find_runs
@@ -28,23 +29,19 @@ SERVER_ENVIRONMENT = {
 }
 
 
+@command("tlr-dashboard", status=EXIT_WRONG)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; becomes the server. 1: there is nothing to show; 2: wrong arguments."""
-    show_any_text()
     options = _parser().parse_args(arguments)
-    try:
-        uri = default_tracking_uri(options.runs_dir)
-        if uri.startswith("http"):
-            print(f"{URI_VARIABLE} names a server that runs already: {hide_password(uri)}")
-            return 0
-        problem = what_is_missing(uri, options.runs_dir)
-        if problem is not None:
-            print(problem, file=sys.stderr)
-            return 1
-        port = free_port(options.port)
-    except ValueError as error:
-        print(f"tlr-dashboard: {error}", file=sys.stderr)
-        return 2
+    uri = default_tracking_uri(options.runs_dir)
+    if uri.startswith("http"):
+        print(f"{URI_VARIABLE} names a server that runs already: {hide_password(uri)}")
+        return 0
+    problem = what_is_missing(uri, options.runs_dir)
+    if problem is not None:
+        print(problem, file=sys.stderr)
+        return 1
+    port = free_port(options.port)
     print(f"{hide_password(uri)} in MLflow, some seconds from now; Ctrl-C ends it\n")
     print("\n".join(pages(uri, port)), flush=True)
     return _become_the_server(uri, port)
@@ -61,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="tlr-dashboard",
         description="Open MLflow's pages on the runs of a folder, for this machine alone.",
     )
+    add_version(parser)
     parser.add_argument(
         "runs_dir",
         nargs="?",
@@ -90,7 +88,7 @@ def free_port(wanted: int | None) -> int:
     """The port to serve on: the one wanted, else the first free one from 5000 on.
 
     Raises:
-        ValueError: the one wanted is in use, or all that were tried are.
+        UserError: the one wanted is in use, or all that were tried are.
     """
     candidates = range(PORT, PORT + PORTS_TRIED) if wanted is None else [wanted]
     for port in candidates:
@@ -103,10 +101,8 @@ def free_port(wanted: int | None) -> int:
                 continue
             return port
     if wanted is None:
-        raise ValueError(
-            f"the ports {PORT} to {PORT + PORTS_TRIED - 1} are all in use; give --port"
-        )
-    raise ValueError(f"port {wanted} is in use or not allowed; without --port a free one is found")
+        raise UserError(f"the ports {PORT} to {PORT + PORTS_TRIED - 1} are all in use; give --port")
+    raise UserError(f"port {wanted} is in use or not allowed; without --port a free one is found")
 
 
 def pages(uri: str, port: int) -> list[str]:

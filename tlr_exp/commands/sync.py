@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.errors import UserError
+from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
 from tlr_exp.mlflow_sync.following import WatchedProcess, follow, has_ended
 from tlr_exp.mlflow_sync.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE
 from tlr_exp.mlflow_sync.sources import DEFAULT_EXPERIMENT, Source, find_sources, megabytes
@@ -26,19 +27,15 @@ NICENESS = 10
 DONE, LATER, REFUSED = "done", "later", "refused"  # how bringing one over ends
 
 
+@command("tlr-sync", status=EXIT_WRONG)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: all is in MLflow; 1: some is not, try again; 2: wrong arguments."""
-    show_any_text()
     options = _parser().parse_args(arguments)
-    try:
-        sources, problems = find_sources(
-            options.folders, options.tracking_uri, options.experiment, options.max_file_mb
-        )
-        if options.follow is not None and len(sources) != 1:
-            raise ValueError(f"--follow is for one run or one sweep, not for {len(sources)}")
-    except ValueError as error:
-        print(f"tlr-sync: {error}", file=sys.stderr)
-        return 2
+    sources, problems = find_sources(
+        options.folders, options.tracking_uri, options.experiment, options.max_file_mb
+    )
+    if options.follow is not None and len(sources) != 1:
+        raise UserError(f"--follow is for one run or one sweep, not for {len(sources)}")
     if options.follow is not None:
         return _follow_one(sources[0], options.follow)
     ended = [_sync_one(source) for source in sources]
@@ -60,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="tlr-sync",
         description="Bring runs and sweeps into MLflow. Doing it again adds nothing twice.",
     )
+    add_version(parser)
     parser.add_argument(
         "folders",
         nargs="+",

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import hydra
@@ -25,22 +23,17 @@ from tlr_exp.config.load import (
 )
 from tlr_exp.config.overrides import explain_mistakes, overridden_keys
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
-from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
+from tlr_exp.machine.terminal import (
+    EXIT_INTERRUPTED,
+    command,
+    refuse_without_docstrings,
+    show_any_text,
+    version_of,
+)
 from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
-from tlr_exp.records.storage import StorageError
 from tlr_exp.training.next_scale import next_step
 from tlr_exp.training.resuming import FinishedError, is_run, resumption, run_to_resume, store_of_run
-from tlr_exp.training.run import (
-    EXIT_CONFIG,
-    EXIT_FAILED,
-    EXIT_INTERRUPTED,
-    check_inputs,
-    explained_failures,
-    open_run,
-    print_error,
-    tracking_uri,
-    train_in,
-)
+from tlr_exp.training.run import check_inputs, open_run, tracking_uri, train_in
 
 if TYPE_CHECKING:
     from tlr_exp.training.loop import Outcome
@@ -48,6 +41,9 @@ if TYPE_CHECKING:
 
 def main() -> None:
     """Entry point of ``tlr-train``."""
+    if "--version" in sys.argv[1:]:  # Hydra would tell its own
+        print(version_of("tlr-train"))
+        return
     show_any_text()
     refuse_without_docstrings("tlr-train")
     for name, value in OPENMP_DEFAULTS.items():
@@ -58,29 +54,40 @@ def main() -> None:
 
 @hydra.main(version_base="1.3", config_path=CONFIG_PATH, config_name="config")
 def _train(config: DictConfig) -> None:
-    with _errors_for_people():
-        settings = load_settings(config)
-        if is_run(settings.resume):
-            _go_on_with(settings.resume, plain_config(config))
-            return
-        uri = tracking_uri(settings)
-        check_inputs(settings)
-        plain = with_absolute_paths(plain_config(config))
-        settings.init_from = plain[INITIAL]
-        method = HydraConfig.get().runtime.choices["optimizer"]
-        run = open_run(settings, plain, method, go_on=settings.resume == "auto")
-        if run.status == FINISHED:
-            print(f"this configuration has been trained already: {run.path}")
-            return
-        with run.lock():
-            outcome = train_in(run, settings, uri)
-        _leave_unless_finished(run, outcome)
+    status = train(config)
+    if status:
+        sys.exit(status)  # what it means has been told, and Hydra would tell it by a traceback
+
+
+@command(
+    "tlr-train",
+    wrong=(ConfigError, RunDirectoryError),
+    interrupted="interrupted; go on by tlr-train resume=RUN_DIRECTORY",
+)
+def train(config: DictConfig) -> int:
+    """One run, as Hydra's configuration says. 0: trained; 1: failed; 2: wrong; 130: interrupted."""
+    settings = load_settings(config)
+    if is_run(settings.resume):
+        return _go_on_with(settings.resume, plain_config(config))
+    uri = tracking_uri(settings)
+    check_inputs(settings)
+    plain = with_absolute_paths(plain_config(config))
+    settings.init_from = plain[INITIAL]
+    method = HydraConfig.get().runtime.choices["optimizer"]
+    run = open_run(settings, plain, method, go_on=settings.resume == "auto")
+    if run.status == FINISHED:
+        print(f"this configuration has been trained already: {run.path}")
+        return 0
+    with run.lock():
+        outcome = train_in(run, settings, uri)
+    if outcome.status == FINISHED:
         advice = next_step(settings, run.metrics(), HydraConfig.get().overrides.task)
         if advice is not None:
             print(f"next             {advice}")
+    return _how_it_ended(run, outcome)
 
 
-def _go_on_with(path: str, asked: dict[str, Any]) -> None:
+def _go_on_with(path: str, asked: dict[str, Any]) -> int:
     """``resume=PATH``: train the rest of that run, by its own configuration."""
     run = run_to_resume(path)
     keys = overridden_keys(HydraConfig.get().overrides.task)
@@ -89,36 +96,22 @@ def _go_on_with(path: str, asked: dict[str, Any]) -> None:
             found = resumption(run, keys, asked)
         except FinishedError as finished:
             print(finished)
-            return
+            return 0
         settings = found.settings
         is_auto = settings.tracking_uri == "auto"
         uri = store_of_run(run) if is_auto else tracking_uri(settings)
         check_inputs(settings)
         found.record()
         outcome = train_in(run, settings, uri)
-    _leave_unless_finished(run, outcome)
+    return _how_it_ended(run, outcome)
 
 
-def _leave_unless_finished(run: RunDirectory, outcome: Outcome) -> None:
-    if outcome.status != FINISHED:
-        print(f"go on            tlr-train resume={run.path}")
-        sys.exit(EXIT_INTERRUPTED)
-
-
-@contextmanager
-def _errors_for_people() -> Iterator[None]:
-    """Errors that have an explanation are printed without a traceback."""
-    try:
-        yield
-    except (ConfigError, RunDirectoryError) as error:
-        print_error(error)
-        sys.exit(EXIT_CONFIG)
-    except KeyboardInterrupt:
-        print("interrupted; go on by tlr-train resume=RUN_DIRECTORY", file=sys.stderr)
-        sys.exit(EXIT_INTERRUPTED)
-    except (StorageError, *explained_failures()) as error:
-        print_error(error)
-        sys.exit(EXIT_FAILED)
+def _how_it_ended(run: RunDirectory, outcome: Outcome) -> int:
+    """The exit status; of a training that was stopped it is told how to go on."""
+    if outcome.status == FINISHED:
+        return 0
+    print(f"go on            tlr-train resume={run.path}")
+    return EXIT_INTERRUPTED
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Checks of one value each, which say in one form what was set and what is allowed."""
+"""Checks of one value each, which say in one form what was set and what is allowed.
+
+Nothing of the project but its error is imported, so that every room can use them.
+"""
 
 import math
 from collections.abc import Sequence
@@ -7,49 +10,67 @@ from typing import Any
 from tlr_exp.errors import UserError
 
 
+class SettingError(UserError):
+    """A setting that cannot be. The message begins with its name.
+
+    Where a part is built from a configuration, ``config/components.py`` puts the part's key before.
+    """
+
+
 def check_choice(name: str, value: Any, allowed: Sequence[Any]) -> None:
     """Refuse a value that is not among the choices.
 
     Raises:
-        UserError: names the setting, its value and the choices.
+        SettingError: names the setting, its value and the choices.
     """
     if value not in allowed:
-        raise _refusal(name, value, ", ".join(map(str, allowed)))
+        raise refusal(name, value, ", ".join(map(str, allowed)))
 
 
 def check_at_least(name: str, value: Any, low: float) -> None:
     """Refuse anything but a finite number of at least ``low``.
 
     Raises:
-        UserError: names the setting, its value and the limit.
+        SettingError: names the setting, its value and the limit.
     """
     if not (_is_number(value) and low <= value < math.inf):
-        raise _refusal(name, value, f"at least {low:g}")
+        raise refusal(name, value, f"at least {low:g}")
 
 
 def check_above(name: str, value: Any, low: float) -> None:
     """Refuse anything but a finite number above ``low``.
 
     Raises:
-        UserError: names the setting, its value and the limit.
+        SettingError: names the setting, its value and the limit.
     """
     if not (_is_number(value) and low < value < math.inf):
-        raise _refusal(name, value, f"above {low:g}")
+        raise refusal(name, value, f"above {low:g}")
 
 
 def check_within(name: str, value: Any, low: float, high: float) -> None:
     """Refuse anything but a number from ``low`` to ``high``.
 
     Raises:
-        UserError: names the setting, its value and the limits.
+        SettingError: names the setting, its value and the limits.
     """
     if not (_is_number(value) and low <= value <= high):
-        raise _refusal(name, value, f"from {low:g} to {high:g}")
+        raise refusal(name, value, f"from {low:g} to {high:g}")
+
+
+def check_between(name: str, value: Any, low: float, high: float) -> None:
+    """Refuse anything but a number above ``low`` and below ``high``.
+
+    Raises:
+        SettingError: names the setting, its value and the limits.
+    """
+    if not (_is_number(value) and low < value < high):
+        raise refusal(name, value, f"above {low:g} and below {high:g}")
+
+
+def refusal(name: str, value: Any, allowed: str) -> SettingError:
+    """The error to raise for a setting, in the form that all of them have."""
+    return SettingError(f"{name} is {value!r}; allowed: {allowed}")
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _refusal(name: str, value: Any, allowed: str) -> UserError:
-    return UserError(f"{name} is {value!r}; allowed: {allowed}")

@@ -10,13 +10,9 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from hydra.errors import InstantiationException
-from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -24,6 +20,7 @@ from tlr_exp import keys
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
+from tlr_exp.errors import UserError
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
 from tlr_exp.records.final_metrics import final_terms
@@ -32,7 +29,7 @@ from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 CONFIG_PATH = "pkg://tlr_exp.conf"
 
 
-class ConfigError(ValueError):
+class ConfigError(UserError):
     """The configuration is wrong; each line names a key and what is allowed."""
 
 
@@ -70,7 +67,7 @@ def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
     A cost that the run does not have gets no limit.
     """
     reference = optimizer.get("reference")
-    if reference is None:
+    if reference is None or not _has_limits(optimizer):
         return optimizer
     try:
         costs = final_terms(RunDirectory.open(Path(str(reference))).metrics())
@@ -85,6 +82,11 @@ def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
     if not limits:
         raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")
     return {**optimizer, "limits": limits, "reference": None, "reference_share": 1.0}
+
+
+def _has_limits(optimizer: Mapping[str, Any]) -> bool:
+    """Whether an optimizer takes limits of costs, as a mapping or as shares of another run's."""
+    return {"limits", "reference", "reference_share"} <= optimizer.keys()
 
 
 def _initial_file(config: Mapping[str, Any]) -> str | None:
@@ -129,31 +131,13 @@ def load_settings(config: DictConfig | Mapping[str, Any]) -> Settings:
     except OmegaConfBaseException as error:
         raise ConfigError(_explain_type_error(error)) from None
     problems = [
-        *_component_types(plain),
-        *violations(plain),
+        *violations(settings),
         *_reward_problems(settings.reward),
         *_fit_problems(settings),
     ]
     if problems:
         raise ConfigError("\n".join(problems))
     return settings
-
-
-def instantiate(node: Mapping[str, Any], **arguments: Any) -> Any:
-    """Build the object that ``_target_`` of a configuration node names.
-
-    Raises:
-        ConfigError: there is no such class, or it refuses its settings.
-    """
-    # In two steps, because Hydra would turn ``arguments`` into configurations of its own.
-    try:
-        build = hydra_instantiate(OmegaConf.create(dict(node)), _partial_=True)
-    except InstantiationException as error:
-        raise ConfigError(f"{node.get('_target_')}: {error.__cause__ or error}") from error
-    try:
-        return build(**arguments)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{node.get('_target_')}: {error}") from error
 
 
 def _whole_numbers_to_floats(plain: dict[str, Any]) -> None:
@@ -185,47 +169,6 @@ def _schema_keys(path: str) -> list[str]:
     for name in filter(None, path.split(".")):
         group = get_type_hints(group).get(name) if is_dataclass(group) else None
     return [field.name for field in fields(group)] if is_dataclass(group) else []
-
-
-def _component_types(config: Mapping[str, Any]) -> Iterator[str]:
-    """Settings of exchangeable parts whose type differs from that in the part's own YAML file."""
-    for group, node in _components(config):
-        target = node.get("_target_")
-        if not isinstance(target, str):
-            yield f"{group}._target_ is {target!r}; it must name a class"
-            continue
-        standard = _standard_settings(group, target)
-        for name, value in node.items():
-            if name in standard and not _same_type(value, standard[name]):
-                kind = type(standard[name]).__name__
-                yield f"{group}.{name} is {value!r}; it must be of type {kind}"
-
-
-def _components(config: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    yield "physics", config["physics"]
-    yield "optimizer", config["optimizer"]
-    yield "reward.objective", config["reward"]["objective"]
-
-
-@cache  # a sweep asks once for each of its jobs
-def _standard_settings(group: str, target: str) -> Mapping[str, Any]:
-    for path in sorted(_conf(group.replace(".", "/")).glob("*.yaml")):
-        content = OmegaConf.to_container(OmegaConf.load(path))
-        if isinstance(content, dict) and content.get("_target_") == target:
-            return {str(key): value for key, value in content.items()}
-    return {}
-
-
-def _conf(folder: str) -> Path:
-    return Path(str(files("tlr_exp.conf").joinpath(folder)))
-
-
-def _same_type(value: Any, standard: Any) -> bool:
-    if standard is None or value is None:
-        return True
-    if isinstance(standard, float):
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    return type(value) is type(standard)
 
 
 def _reward_problems(reward: RewardSettings) -> Iterator[str]:
@@ -272,31 +215,22 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
-    lower, upper = settings.optimizer.get("lower"), settings.optimizer.get("upper")
-    if isinstance(lower, int | float) and isinstance(upper, int | float) and lower >= upper:
-        yield f"optimizer.lower is {lower}; allowed: below optimizer.upper, which is {upper}"
-    yield from _limit_problems(settings.optimizer.get("limits"))
+    yield from _limit_problems(settings.optimizer)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"
-    share = settings.reward.objective.get("threshold_share")
-    if isinstance(share, float) and 0.0 < share < 1.0 and share * settings.scale.num_envs < 1.0:
-        yield (
-            f"reward.objective.threshold_share {share:g} of scale.num_envs "
-            f"{settings.scale.num_envs} leaves no candidate; use more environments"
-        )
     if settings.env.robot.mjcf is not None and not Path(settings.env.robot.mjcf).is_file():
         yield f"env.robot.mjcf: there is no file {settings.env.robot.mjcf}"
     yield from _motion_problems(settings.env.motion)
 
 
-def _limit_problems(limits: Any) -> Iterator[str]:
-    for name, limit in (limits or {}).items():
+def _limit_problems(optimizer: Mapping[str, Any]) -> Iterator[str]:
+    """Limits of what is no cost. The optimizer passes over limits of terms that it has not."""
+    limits = optimizer["limits"] if _has_limits(optimizer) else None
+    for name in limits or {}:
         if name not in keys.LOWER_LAYER_TERMS:
             allowed = ", ".join(keys.LOWER_LAYER_TERMS)
             yield f"optimizer.limits.{name} is no term of the lower layer; allowed: {allowed}"
-        elif isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
-            yield f"optimizer.limits.{name} is {limit!r}; allowed: a number above 0"
 
 
 def _motion_problems(motion: str) -> Iterator[str]:

@@ -11,7 +11,8 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-EXIT_CONFIG = 2
+from tlr_exp.machine.terminal import EXIT_WRONG
+
 SWEEP_MARKS = ("+sweep=", "hydra.mode=MULTIRUN")  # besides -m, what makes a command a sweep
 
 
@@ -34,7 +35,7 @@ def explain_mistakes(arguments: Sequence[str]) -> None:
     except (HydraException, ValueError) as error:
         where = "" if isinstance(error, HydraException) else f"in {' '.join(overrides)}: "
         print(f"{where}{error}", file=sys.stderr)
-        sys.exit(EXIT_CONFIG)
+        sys.exit(EXIT_WRONG)
 
 
 def overridden_keys(overrides: Sequence[str]) -> list[str]:

@@ -14,7 +14,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from tlr_exp import keys
-from tlr_exp.config.limits import ACTIONS, OBSERVATIONS, START_PHASES, check_choice
+from tlr_exp.config.limits import check_env
 from tlr_exp.config.settings import EnvSettings
 from tlr_exp.env import observations, specs
 from tlr_exp.env.errors import tracking_errors
@@ -62,9 +62,7 @@ class TrackingEnv(EnvBase):
         failures: bool = True,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
-        check_choice("env.observation", settings.observation, OBSERVATIONS)
-        check_choice("env.action", settings.action, ACTIONS)
-        check_choice("env.start_phase", settings.start_phase, START_PHASES)
+        check_env(settings)
         _check_motion(reference, physics.control_dt, settings.reference_lead)
         self.physics = physics
         self.reference = reference

@@ -18,6 +18,7 @@ from pathlib import Path
 import filelock
 from sqlalchemy.exc import SQLAlchemyError
 
+from tlr_exp.errors import UserError
 from tlr_exp.mlflow_sync.answers import PASSWORD_VARIABLE, USER_VARIABLE, wrong_answer
 from tlr_exp.mlflow_sync.mirror import sqlite_path
 from tlr_exp.mlflow_sync.view import experiment_tags
@@ -76,7 +77,7 @@ for _name in ("mlflow", "alembic"):  # the errors that matter reach us as except
     logging.getLogger(_name).setLevel(logging.CRITICAL)
 
 
-class TrackingError(RuntimeError):
+class TrackingError(UserError):
     """MLflow refuses the run; trying again without a change will not help."""
 
 

@@ -9,7 +9,7 @@ from cmaes import CMA, SepCMA
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.config.checks import check_at_least, check_choice, check_within
+from tlr_exp.config.checks import check_at_least, check_within
 from tlr_exp.optimizer.base import ChosenWeights
 from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, best_first
 from tlr_exp.reward.objectives import WeightFunction
@@ -110,9 +110,7 @@ class CmaEs(ChosenWeights):
         self.set_box(self.lower, self.upper, self.tie_break)
         check_at_least("pack_size", self.pack_size, 4)
         check_at_least("iterations", self.iterations, 1)
-        check_choice("warm_start", self.warm_start, (True, False))
         check_within("initial_std", self.initial_std, 1e-6, 1.0)
-        check_choice("separable", self.separable, (True, False))
         check_at_least("resampling", self.resampling, 1)
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:

@@ -97,7 +97,6 @@ class DifferentialEvolution(ChosenWeights):
         self.set_box(self.lower, self.upper, self.tie_break)
         check_at_least("pack_size", self.pack_size, MIN_PACK_SIZE)
         check_at_least("iterations", self.iterations, 1)
-        check_choice("warm_start", self.warm_start, (True, False))
         check_choice("strategy", self.strategy, get_args(Strategy))
         check_within("scale", self.scale, 0.0, 2.0)
         check_within("crossover", self.crossover, 0.0, 1.0)

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tlr_exp.config.checks import check_at_least, check_choice
+from tlr_exp.config.checks import check_at_least
 from tlr_exp.errors import UserError
 from tlr_exp.optimizer.base import ChosenWeights
 from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, best_first
@@ -80,8 +80,6 @@ class GreyWolfOptimizer(ChosenWeights):
         self.set_box(self.lower, self.upper, self.tie_break)
         check_at_least("pack_size", self.pack_size, NUM_LEADERS)
         check_at_least("iterations", self.iterations, 1)
-        check_choice("warm_start", self.warm_start, (True, False))
-        check_choice("persistent", self.persistent, (True, False))
         if self.persistent:
             self.pack = self.task.lower.new_empty(0, self.num_terms)  # none before the first search
             self.saved = (*self.saved, "pack")

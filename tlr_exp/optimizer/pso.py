@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from tlr_exp.config.checks import check_at_least, check_choice, check_within
+from tlr_exp.config.checks import check_at_least, check_within
 from tlr_exp.optimizer.base import ChosenWeights
 from tlr_exp.optimizer.search import SearchResult, SearchTask, Tally, TieBreak, improves
 from tlr_exp.reward.objectives import WeightFunction
@@ -94,7 +94,6 @@ class ParticleSwarm(ChosenWeights):
         self.set_box(self.lower, self.upper, self.tie_break)
         check_at_least("pack_size", self.pack_size, 3)
         check_at_least("iterations", self.iterations, 1)
-        check_choice("warm_start", self.warm_start, (True, False))
         check_within("inertia", self.inertia, 0.0, 1.0)
         check_within("cognitive", self.cognitive, 0.0, 4.0)
         check_within("social", self.social, 0.0, 4.0)

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tlr_exp.config.checks import check_choice, check_within
+from tlr_exp.config.checks import check_within
 from tlr_exp.optimizer.base import ChosenWeights, check_state_names
 from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 from tlr_exp.optimizer.search import SearchResult, unsearched
@@ -45,7 +45,6 @@ class WhenTracking(ChosenWeights):
         super().__post_init__()
         check_within("threshold", self.threshold, 0.0, 1.0)
         check_within("before", self.before, 0.0, 1.0)
-        check_choice("stays", self.stays, (True, False))
         self.behind = self.inner(
             num_terms=self.num_terms, objective=self.objective, seed=self.seed, device=self.device
         )

@@ -11,7 +11,7 @@ import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import jax
 import mujoco
@@ -21,6 +21,8 @@ from jax import numpy as jnp
 from jax._src.xla_bridge import backends_are_initialized
 from torch import Tensor
 
+from tlr_exp.config.checks import check_at_least, check_choice
+from tlr_exp.errors import UserError
 from tlr_exp.physics.state import (
     NUM_QPOS,
     NUM_QVEL,
@@ -37,7 +39,7 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missin
     from mujoco.mjx import warp as mjx_warp
 
 _ITERATION_LIMITS = 1 << 9 | 1 << 10  # MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS
-IMPLEMENTATIONS = ("jax", "warp")
+Implementation = Literal["jax", "warp"]
 STATE_FIELDS = PhysicsState._fields
 
 Arrays = dict[str, jax.Array]
@@ -52,25 +54,27 @@ class MjxPhysics:
         robot: the robot; its model is copied.
         num_envs: number of simulations.
         impl: ``jax``, or ``warp`` for MuJoCo Warp, which needs the package warp-lang.
-        device: ``cpu`` or ``cuda``; None takes CUDA where torch finds it.
         max_contacts: contacts that ``warp`` has room for, a robot on average.
         max_constraints: constraint rows that ``warp`` has room for, in each robot.
+        device: ``cpu`` or ``cuda``; None takes CUDA where torch finds it.
 
     Raises:
-        ValueError: an unknown ``impl``, a package that ``impl`` or ``device`` needs is missing,
-            a model that ``impl`` cannot simulate, or ``num_envs`` below 1.
+        UserError: an unknown ``impl``, a number below 1, a package that ``impl`` or ``device``
+            needs is missing, or a model that ``impl`` cannot simulate.
     """
 
     def __init__(
         self,
         robot: Robot,
         num_envs: int,
-        impl: str = "jax",
+        impl: Implementation,
+        max_contacts: int,
+        max_constraints: int,
         device: torch.device | str | None = None,
-        max_contacts: int = 35,
-        max_constraints: int = 250,
     ) -> None:
-        _check_arguments(num_envs, impl)
+        check_at_least("num_envs", num_envs, 1)
+        self.check_settings(impl, max_contacts, max_constraints)
+        _check_package(impl)
         self.num_envs = num_envs
         self.control_dt = CONTROL_DT_S
         default = "cuda" if torch.cuda.is_available() else "cpu"
@@ -93,6 +97,13 @@ class MjxPhysics:
             self._restart = jax.jit(restart).lower(self._arrays, mask, *state[:2]).compile()
         qpos0 = torch.from_numpy(robot.model.qpos0).expand(num_envs, -1)
         self.set_state(torch.arange(num_envs), qpos0, torch.zeros(num_envs, NUM_QVEL))
+
+    @staticmethod
+    def check_settings(impl: str, max_contacts: int, max_constraints: int) -> None:
+        """Refuse what the constructor refuses, before it compiles for a minute."""
+        check_choice("impl", impl, get_args(Implementation))
+        check_at_least("max_contacts", max_contacts, 1)
+        check_at_least("max_constraints", max_constraints, 1)
 
     def _to_jax(self, value: Tensor) -> jax.Array:
         if value.is_floating_point():
@@ -169,7 +180,7 @@ def _advance_program(robot: Robot, impl: str, room: dict[str, Any]) -> Callable:
     try:
         mjx_model = mjx.put_model(model, impl=impl)
     except NotImplementedError as error:
-        raise ValueError(
+        raise UserError(
             f"physics.impl={impl} cannot simulate this robot ({error}); take physics=native"
         ) from error
     if impl == "warp":
@@ -260,13 +271,9 @@ def _without_sensors(model: mujoco.MjModel) -> mujoco.MjModel:
     return model
 
 
-def _check_arguments(num_envs: int, impl: str) -> None:
-    if num_envs < 1:
-        raise ValueError(f"num_envs is {num_envs}; at least one environment is needed")
-    if impl not in IMPLEMENTATIONS:
-        raise ValueError(f"physics.impl is {impl!r}; allowed are {', '.join(IMPLEMENTATIONS)}")
+def _check_package(impl: str) -> None:
     if impl == "warp" and not mjx_warp.WARP_INSTALLED:
-        raise ValueError(
+        raise UserError(
             "physics.impl=warp needs the package warp-lang: pip install -e '.[gpu]', "
             "or take physics.impl=jax"
         )
@@ -277,7 +284,7 @@ def _find_jax_device(device: torch.device) -> Any:
     try:
         return jax.devices(platform)[device.index or 0]
     except RuntimeError as error:
-        raise ValueError(
+        raise UserError(
             f"physics.device is {device}, but JAX finds no such device ({error}): "
             "pip install -e '.[gpu]', or take device=cpu"
         ) from error

@@ -11,6 +11,7 @@ import torch
 from mujoco.batch import Batch, SimulationError
 from torch import Tensor
 
+from tlr_exp.config.checks import check_at_least
 from tlr_exp.machine.cores import available_cores
 from tlr_exp.physics.state import (
     PhysicsState,
@@ -36,20 +37,18 @@ class NativePhysics:
         device: where the returned states live.
 
     Raises:
-        ValueError: ``num_envs`` below 1 or ``num_threads`` below 0.
+        SettingError: ``num_envs`` below 1 or ``num_threads`` below 0.
     """
 
     def __init__(
         self,
         robot: Robot,
         num_envs: int,
-        num_threads: int = 0,
+        num_threads: int,
         device: torch.device | str = "cpu",
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}; at least one environment is needed")
-        if num_threads < 0:
-            raise ValueError(f"physics.num_threads is {num_threads}; 0 means all cores")
+        check_at_least("num_envs", num_envs, 1)
+        self.check_settings(num_threads)
         self.num_envs = num_envs
         self.control_dt = CONTROL_DT_S
         self.device = torch.device(device)
@@ -77,6 +76,11 @@ class NativePhysics:
             "joint_torque": np.zeros((num_envs, model.nu), np.float32),
             "foot_contact_force": np.zeros((num_envs, len(FOOT_BODIES), 3), np.float32),
         }
+
+    @staticmethod
+    def check_settings(num_threads: int) -> None:
+        """Refuse what the constructor refuses, before it makes simulations."""
+        check_at_least("num_threads", num_threads, 0)
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step; see ``Physics.step``."""

@@ -13,6 +13,8 @@ import sys
 from functools import lru_cache
 from typing import Any
 
+from tlr_exp.errors import UserError
+
 _OFF = ("disable", "disabled", "off", "false", "0")
 _AUTOMATIC = ("", "enable", "enabled", "on", "true", "1")
 _OFF_SCREEN = ("egl", "osmesa")
@@ -28,7 +30,7 @@ context.free()
 _INSTALL = "install EGL (Debian: libegl1 libgl1-mesa-dri) or OSMesa (Debian: libosmesa6)"
 
 
-class GraphicsUnavailable(RuntimeError):
+class GraphicsUnavailable(UserError):
     """No way to draw on this machine; the message says in one line what to install."""
 
 

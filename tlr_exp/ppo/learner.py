@@ -18,6 +18,7 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from tlr_exp import keys
 from tlr_exp.config.settings import PpoSettings
+from tlr_exp.errors import UserError
 from tlr_exp.ppo.networks import GaussianHead, in_float32, update_norms
 
 # States that the critic values at a time: for 4096 x 24 at once its activations take a gigabyte.
@@ -42,7 +43,7 @@ class PpoDiagnostics:
     explained_variance: float
 
 
-class NonFiniteLossError(RuntimeError):
+class NonFiniteLossError(UserError):
     """The loss or its gradient stopped being finite; that minibatch left the policy as it was."""
 
 

@@ -21,6 +21,7 @@ from typing import Any
 
 import torch
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.checkpoint_files import (
     SCORES,
     SUFFIX,
@@ -46,7 +47,7 @@ _PLAIN = (bool, int, float, str, type(None))
 _log = logging.getLogger(__name__)
 
 
-class CheckpointError(ValueError):
+class CheckpointError(UserError):
     """A checkpoint cannot be read, or a state cannot be kept in one."""
 
 

@@ -13,13 +13,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION
 from tlr_exp.records.storage import append_line, atomic_write
 
 WALL_TIME = "wall_time"
 
 
-class DamagedMetricsError(ValueError):
+class DamagedMetricsError(UserError):
     """A line that others follow is not a metrics line; the message names file and place."""
 
 

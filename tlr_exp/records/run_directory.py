@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tlr_exp import __version__
+from tlr_exp.errors import UserError
 from tlr_exp.records import provenance
 from tlr_exp.records.locks import ELSEWHERE, hold, is_held
 from tlr_exp.records.metrics_file import (
@@ -50,7 +51,7 @@ STATUSES = (RUNNING, FINISHED, FAILED, INTERRUPTED)
 _LAYOUT = "A run directory holds manifest.json, config.yaml, metrics.jsonl and checkpoints/"
 
 
-class RunDirectoryError(ValueError):
+class RunDirectoryError(UserError):
     """A path is no (usable) run directory, or is in use; the message says what would be right."""
 
 

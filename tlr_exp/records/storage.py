@@ -10,12 +10,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.errors import UserError
+
 _TAIL_BYTES = 1 << 16  # step in which the end of a file is searched for its last line break
 
 INTACT = "What was written before is intact"
 
 
-class StorageError(OSError):
+class StorageError(UserError, OSError):
     """A file of a run could not be written; the message names it and says how to go on."""
 
     def __init__(self, action: str, cause: OSError, hint: str) -> None:

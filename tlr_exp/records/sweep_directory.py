@@ -22,6 +22,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.locks import ELSEWHERE, hold, is_held
 from tlr_exp.records.run_directory import INTERRUPTED, RUNNING, STATUSES, utc_now
 from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors
@@ -36,7 +37,7 @@ _LAYOUT = f"A sweep directory holds {SWEEP} and {JOBS}/"
 _REQUIRED = {"sweep_id", "run_id", "name", "study", "status", "num_jobs"}
 
 
-class SweepDirectoryError(ValueError):
+class SweepDirectoryError(UserError):
     """A path is no (usable) sweep directory, or is in use; the message says what would be right."""
 
 

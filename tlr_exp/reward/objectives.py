@@ -14,11 +14,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from tlr_exp.config.checks import check_between
+from tlr_exp.errors import UserError
+
 WeightFunction = Callable[[Tensor], Tensor]
 """Weights [pack, num_terms] -> objective [pack], float64, on the device of the weights."""
 
 
-class NonFiniteReturnsError(ValueError):
+class NonFiniteReturnsError(UserError):
     """Trajectories have no rank, because a return of theirs is infinite or not a number."""
 
 
@@ -79,15 +82,11 @@ class BestByGoal:
             The paper uses 0.10.
 
     Raises:
-        ValueError: a share outside (0, 1).
+        SettingError: a share outside (0, 1).
     """
 
-    def __init__(self, threshold_share: float = 0.10) -> None:
-        if not 0.0 < threshold_share < 1.0:
-            raise ValueError(
-                f"threshold_share must lie strictly between 0 and 1, got {threshold_share!r}: "
-                "it is the share of trajectories that are candidates (the paper: 0.10)"
-            )
+    def __init__(self, threshold_share: float) -> None:
+        check_between("threshold_share", threshold_share, 0.0, 1.0)
         self.threshold_share = float(threshold_share)
 
     def num_candidates(self, num_envs: int) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from tlr_exp.config.limits import check_choice
+from tlr_exp.config.checks import check_choice
 from tlr_exp.robot.g1 import (
     COLLISION_SETS,
     EXTENDED_BODIES,

@@ -14,6 +14,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from tlr_exp.config.load import ConfigError
+from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG
 from tlr_exp.mlflow_sync.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
@@ -31,7 +32,6 @@ from tlr_exp.sweeps.slurm.launcher import SlurmLauncher
 from tlr_exp.sweeps.spec import Plan
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
 from tlr_exp.sweeps.task import JobTask
-from tlr_exp.training.run import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 
 ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
@@ -47,12 +47,9 @@ def run_sweep(config: DictConfig) -> int:
         plan = make_plan(config)
         folder = plan.study_folder / SWEEPS / f"{plan.name}-{plan.sweep_id}"
         launcher = _make_launcher(config, folder, plan)
-    except ConfigError as error:
-        print_error(error)
-        return EXIT_CONFIG
-    except LauncherError as error:
+    except (ConfigError, LauncherError) as error:
         print(error, file=sys.stderr)
-        return EXIT_CONFIG
+        return EXIT_WRONG
     try:
         sweep = SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id)
         _answer_with(sweep.path)
@@ -61,7 +58,7 @@ def run_sweep(config: DictConfig) -> int:
             return _work(plan, sweep, launcher)
     except RefusedError as error:
         print(error, file=sys.stderr)
-        return EXIT_CONFIG
+        return EXIT_WRONG
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -14,7 +14,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from tlr_exp.config.load import load_settings
-from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
+from tlr_exp.machine.terminal import (
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    print_error,
+    refuse_without_docstrings,
+    show_any_text,
+)
 from tlr_exp.mlflow_sync.following import WatchedProcess
 from tlr_exp.records.run_directory import (
     FAILED,
@@ -29,14 +35,7 @@ from tlr_exp.records.sweep_directory import SweepDirectory
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads
 from tlr_exp.sweeps.stopping import Watch
 from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, ELSEWHERE, conclude, one_line
-from tlr_exp.training.run import (
-    EXIT_FAILED,
-    EXIT_INTERRUPTED,
-    check_inputs,
-    open_run,
-    print_error,
-    train_in,
-)
+from tlr_exp.training.run import check_inputs, open_run, train_in
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -151,9 +151,10 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
     first = composed[0][1]
     for num, (plain, settings, _) in enumerate(composed):
         starts = plain["scale"]["evaluate_starts"]
-        world = {"env": plain["env"], "device": plain["device"], "starts": starts}
+        world = {key: plain[key] for key in ("env", "physics", "device")} | {"starts": starts}
         mistakes.add(num, _mistake(world, partial(check_world, settings, check_device), checked))
-        layer = {key: plain[key] for key in ("optimizer", "reward")}
+        num_envs = settings.scale.num_envs
+        layer = {"optimizer": plain["optimizer"], "reward": plain["reward"], "envs": num_envs}
         mistakes.add(num, _mistake(layer, partial(check_lower_layer, settings), checked))
         start = {key: plain[key] for key in (INITIAL, "env", "ppo")}
         mistakes.add(num, _mistake(start, partial(check_beginning, settings), checked))
@@ -217,14 +218,11 @@ class Mistakes:
     def __init__(self, labels: Sequence[str]) -> None:
         self.labels = labels
         self.jobs: dict[str, list[int]] = {}
-        self.causes: list[BaseException] = []
 
     def add(self, num: int, error: Exception | None) -> None:
         """Note it for job ``num``; None is no mistake."""
         if error is not None:
             self.jobs.setdefault(str(error).strip(), []).append(num)
-            if error.__cause__ is not None:
-                self.causes.append(error.__cause__)
 
     def raise_any(self) -> None:
         """
@@ -232,10 +230,7 @@ class Mistakes:
             ConfigError: where there are any.
         """
         if self.jobs:
-            text = "\n".join(self._line(*item) for item in self.jobs.items())
-            # A part that broke by a mistake of its own is to be found by its traceback.
-            broke = next((each for each in self.causes if isinstance(each, TypeError)), None)
-            raise ConfigError(text) from broke
+            raise ConfigError("\n".join(self._line(*item) for item in self.jobs.items()))
 
     def _line(self, message: str, nums: Sequence[int]) -> str:
         if len(nums) == len(self.labels):

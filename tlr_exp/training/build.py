@@ -8,7 +8,7 @@ from torchrl.collectors import Collector
 
 from tlr_exp.assembly.seeds import Seeds
 from tlr_exp.assembly.split import build_split
-from tlr_exp.config.load import instantiate
+from tlr_exp.config.components import instantiate
 from tlr_exp.config.settings import Settings
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.machine.cores import one_torch_thread
@@ -23,7 +23,7 @@ def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
     """The training iteration over ``env``; starts (or after a restoration resumes) its episodes."""
     split = build_split(settings)
     collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
-    objective = instantiate(settings.reward.objective)
+    objective = instantiate("reward.objective", settings.reward.objective)
     weight_optimizer = build_weight_optimizer(settings, split, objective)
     box_sample = BoxSample(len(split.optimizing_names), objective)
     return Trainer(collect, split, weight_optimizer, box_sample, ppo, settings.scale.num_envs)
@@ -61,6 +61,7 @@ def build_collect(
 def build_weight_optimizer(settings: Settings, split: RewardSplit, objective: Objective):
     """The lower layer's optimizer; it works on the CPU, where its small tensors are fastest."""
     return instantiate(
+        "optimizer",
         settings.optimizer,
         num_terms=len(split.optimizing_names),
         objective=objective,

@@ -20,18 +20,15 @@ from tlr_exp.assembly.environment import build_clip, build_env, build_evaluation
 from tlr_exp.assembly.learner import build_ppo
 from tlr_exp.assembly.split import build_judged_split
 from tlr_exp.config.settings import Settings
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy, mean_metrics
 from tlr_exp.machine.cores import available_cores
 from tlr_exp.machine.precision import chosen_precision
-from tlr_exp.motion.authoring.script import KeyframeError
-from tlr_exp.ppo.learner import NonFiniteLossError
 from tlr_exp.ppo.networks import in_float32
-from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.extending import former_totals
-from tlr_exp.records.metrics_file import DamagedMetricsError
 from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.storage import StorageError, atomic_write
-from tlr_exp.reward.objectives import NonFiniteReturnsError
 from tlr_exp.training.build import build_trainer
 from tlr_exp.training.initial_policy import begin_with
 from tlr_exp.training.kept_motion import kept_motion
@@ -43,15 +40,8 @@ SNAPSHOT_SHARES = (0.04, 0.2, 0.4, 0.88)
 MAX_UNSTABLE_SHARE = 0.01
 
 
-class UnstableSimulationError(RuntimeError):
+class UnstableSimulationError(UserError):
     """Too many simulations stopped being finite in one iteration."""
-
-
-# What goes wrong in a training and says by itself what to do: no traceback is needed.
-EXPLAINED_FAILURES = (
-    *(UnstableSimulationError, NonFiniteLossError, NonFiniteReturnsError),
-    *(CheckpointError, DamagedMetricsError, KeyframeError),
-)
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
-import sys
-import traceback
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tlr_exp.config.components import check_component, instantiate
 from tlr_exp.config.identity import run_identity
 from tlr_exp.config.input_files import file_hashes
 from tlr_exp.config.limits import check_starts
-from tlr_exp.config.load import ConfigError, instantiate
+from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import Settings
+from tlr_exp.errors import UserError
 from tlr_exp.mlflow_sync.mirror import (
     Mirror,
     check_tracking_uri,
@@ -23,26 +22,13 @@ from tlr_exp.mlflow_sync.mirror import (
 )
 from tlr_exp.records.credentials import has_credentials
 from tlr_exp.records.extending import complete_extension
-from tlr_exp.records.run_directory import (
-    FAILED,
-    INTERRUPTED,
-    RUNNING,
-    RunDirectory,
-    RunDirectoryError,
-)
+from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
 from tlr_exp.robot.g1 import CONTROL_DT_S
 
 if TYPE_CHECKING:
     from tlr_exp.training.loop import Outcome
-
-EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
-
-# How Python says that a caller gave wrong arguments: here, that a configuration did.
-_WRONG_ARGUMENTS = re.compile(
-    r"unexpected keyword argument|missing \d+ required|positional argument"
-)
 
 
 def tracking_uri(settings: Settings) -> str | None:
@@ -58,7 +44,7 @@ def tracking_uri(settings: Settings) -> str | None:
             return default_tracking_uri(settings.runs_dir)
         if has_credentials(settings.tracking_uri):
             # The configuration is kept in the run directory and shown in MLflow.
-            raise ValueError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
+            raise UserError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
         return check_tracking_uri(settings.tracking_uri)
     except ValueError as error:
         raise ConfigError(f"tracking_uri: {error}") from error
@@ -76,12 +62,13 @@ def check_inputs(settings: Settings) -> None:
 
 
 def check_world(settings: Settings, device: bool = True) -> None:
-    """Read the model and the motion, and look for the device.
+    """Read the model and the motion, look at the engine's settings, and for the device.
 
     Without ``device`` that is left out, for a machine that only hands work to others.
 
     Raises:
-        ConfigError: a model that is not a G1, a motion that cannot be, or a device that is away.
+        ConfigError: a model that is not a G1, a motion that cannot be, an engine that refuses its
+            settings, or a device that is away.
     """
     from tlr_exp.motion.authoring.keyframes import load_motion
     from tlr_exp.motion.clip import resample
@@ -104,6 +91,8 @@ def check_world(settings: Settings, device: bool = True) -> None:
         check_starts("scale.evaluate_starts", settings.scale.evaluate_starts, num_steps)
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    places = {"robot": model, "num_envs": settings.scale.num_envs, "device": settings.device}
+    check_component("physics", settings.physics, **places)
     if device and settings.device != "cpu":
         from tlr_exp.assembly.learner import check_device
 
@@ -113,12 +102,21 @@ def check_world(settings: Settings, device: bool = True) -> None:
 def check_lower_layer(settings: Settings) -> None:
     """Build the objective and the weight optimizer, which check their settings themselves.
 
+    The objective is tried on returns of as many trajectories as an iteration has.
+
     Raises:
         ConfigError: one of them refuses its settings, or lacks a package.
     """
-    objective = instantiate(settings.reward.objective)
-    num_terms = len(settings.reward.optimizing)
-    instantiate(settings.optimizer, num_terms=num_terms, objective=objective, seed=0, device="cpu")
+    import torch
+
+    objective = instantiate("reward.objective", settings.reward.objective)
+    num_envs, num_terms = settings.scale.num_envs, len(settings.reward.optimizing)
+    places = {"num_terms": num_terms, "objective": objective, "seed": 0, "device": "cpu"}
+    instantiate("optimizer", settings.optimizer, **places)
+    try:
+        objective.prepare(torch.arange(num_envs) / num_envs, torch.zeros(num_envs, num_terms))
+    except ValueError as error:
+        raise ConfigError(f"reward.objective: {error}") from error
 
 
 def check_beginning(settings: Settings) -> None:
@@ -198,24 +196,3 @@ def _say_what_is_there(run: RunDirectory, best: Path | None, uri: str | None) ->
     print(f"evaluate         tlr-evaluate {run.path}")
     if uri is not None:
         print(f"dashboard        {how_to_open(uri, run.path.parent.parent)}")
-
-
-def print_error(error: BaseException) -> None:
-    """Say on stderr what went wrong; with a traceback where the message does not say it all."""
-    explained = (ConfigError, RunDirectoryError, StorageError, *explained_failures())
-    if isinstance(error, explained) and not _hides_a_bug(error):
-        print(error, file=sys.stderr)
-    else:
-        traceback.print_exception(error)
-
-
-def explained_failures() -> tuple[type[Exception], ...]:
-    """Failures of a training that say what to do; loaded by then, if they can occur at all."""
-    training = sys.modules.get("tlr_exp.training.loop")
-    return () if training is None else training.EXPLAINED_FAILURES
-
-
-def _hides_a_bug(error: BaseException) -> bool:
-    """Whether a part broke while it was built, for another reason than what it was given."""
-    cause = error.__cause__
-    return isinstance(cause, TypeError) and _WRONG_ARGUMENTS.search(str(cause)) is None

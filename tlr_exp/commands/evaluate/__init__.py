@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs, load_policy
-from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
+from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command, refuse_without_docstrings
 from tlr_exp.pictures.sizes import size_argument
 from tlr_exp.records.outputs import add_force
 from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
@@ -15,24 +14,17 @@ from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
 __all__ = ["Choice", "choose", "load_policy", "main"]
 
 
+@command("tlr-evaluate", status=EXIT_WRONG)
 def main(arguments: list[str] | None = None) -> int:
     """The command line; returns the exit status: 0, or 2 for an error told in one line.
 
     1 where some of several runs could not be measured.
     """
-    show_any_text()
     refuse_without_docstrings("tlr-evaluate")
     options = _parser().parse_args(arguments)
     # What takes seconds to import is imported where it is needed: mistakes show before that.
-    from tlr_exp.pictures.graphics import GraphicsUnavailable
-    from tlr_exp.viewing import ViewerUnavailable
-
-    try:
-        _check(options)
-        return _run(options)
-    except (ValueError, OSError, GraphicsUnavailable, ViewerUnavailable) as error:
-        print(f"tlr-evaluate: {error}", file=sys.stderr)
-        return 2
+    _check(options)
+    return _run(options)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -63,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         "pictures and a video; or draws the policies of several runs in one strip; or shows the "
         "policy in a viewer.",
     )
+    add_version(parser)
     parser.add_argument(
         "runs",
         type=Path,

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 from tlr_exp.commands.motion import checking, importing, joining, looking, showing
 from tlr_exp.commands.motion.files import ArgumentsError
-from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.machine.terminal import add_version, command
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@command("tlr-motion", wrong=(ArgumentsError,))
+def main(arguments: Sequence[str] | None = None) -> int | None:
     """Entry point. 0: done; 1: a file was refused or a clip is wrong; 2: wrong arguments."""
-    show_any_text()
     options = _parser().parse_args(arguments)
-    try:
-        return options.run(options) or 0
-    except ArgumentsError as error:
-        print(f"tlr-motion: {error}", file=sys.stderr)
-        return 2
-    except (ValueError, OSError) as error:
-        print(f"tlr-motion: {error}", file=sys.stderr)
-        return 1
+    return options.run(options)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -30,6 +22,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="tlr-motion",
         description="Bring motions in from other projects, check and repair clips, look at them.",
     )
+    add_version(parser)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     importing.add_arguments(commands.add_parser("import", help="make a clip from a motion file"))
     checking.add_arguments(commands.add_parser("check", help="what is physically wrong with clips"))

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.authoring.keyframes import load_motion
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.outputs import add_force, check_free
@@ -14,7 +15,7 @@ from tlr_exp.robot.model import Robot
 CLIP_HELP = "an .npz clip, a .yaml of keyframes, or an authored name"
 
 
-class ArgumentsError(ValueError):
+class ArgumentsError(UserError):
     """Arguments that are wrong whatever the files hold; the message says what would be right."""
 
 

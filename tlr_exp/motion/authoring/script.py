@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from tlr_exp.errors import UserError
 from tlr_exp.robot.g1 import JOINT_NAMES, joint_tables
 
 SIDES = ("left", "right")
@@ -40,7 +41,7 @@ DEFAULT_LIFT_M = 0.05
 HandSolver = Callable[[str, list[float], list[float]], list[float]]
 
 
-class KeyframeError(ValueError):
+class KeyframeError(UserError):
     """A keyframe file that cannot be understood, or a motion that cannot be performed."""
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from tlr_exp.errors import UserError
+
 FPS_RANGE = (1.0, 1000.0)
 MAX_DURATION_S = 30 * 60.0
 MAX_VALUE = 1e9  # of any number: beyond it squares and sums may overflow
@@ -13,7 +15,7 @@ MAX_VALUE = 1e9  # of any number: beyond it squares and sums may overflow
 _NAMES_SHOWN = 6
 
 
-class MotionFileError(ValueError):
+class MotionFileError(UserError):
     """A file cannot be imported as a motion; the message says why, in one line."""
 
 

@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
+from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import JOBS, WAITING, SweepDirectory
@@ -28,7 +29,6 @@ from tlr_exp.sweeps.slurm.commands import requeue
 from tlr_exp.sweeps.slurm.settings import RESERVE_S
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 from tlr_exp.sweeps.task import ELSEWHERE, close_record, conclude, one_line, start_job
-from tlr_exp.training.run import EXIT_FAILED, EXIT_INTERRUPTED
 
 WARNING = signal.SIGUSR2
 
