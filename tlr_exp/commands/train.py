@@ -64,7 +64,7 @@ def _train(config: DictConfig) -> None:
             _go_on_with(settings.resume, plain_config(config))
             return
         uri = tracking_uri(settings)
-        check_inputs(settings)
+        parts = check_inputs(settings)
         plain = with_absolute_paths(plain_config(config))
         settings.init_from = plain[INITIAL]
         method = HydraConfig.get().runtime.choices["optimizer"]
@@ -73,7 +73,7 @@ def _train(config: DictConfig) -> None:
             print(f"this configuration has been trained already: {run.path}")
             return
         with run.lock():
-            outcome = train_in(run, settings, uri)
+            outcome = train_in(run, settings, parts, uri)
         _leave_unless_finished(run, outcome)
         advice = next_step(settings, run.metrics(), HydraConfig.get().overrides.task)
         if advice is not None:
@@ -93,9 +93,9 @@ def _go_on_with(path: str, asked: dict[str, Any]) -> None:
         settings = found.settings
         is_auto = settings.tracking_uri == "auto"
         uri = store_of_run(run) if is_auto else tracking_uri(settings)
-        check_inputs(settings)
+        parts = check_inputs(settings)
         found.record()
-        outcome = train_in(run, settings, uri)
+        outcome = train_in(run, settings, parts, uri)
     _leave_unless_finished(run, outcome)
 
 

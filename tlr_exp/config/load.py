@@ -20,10 +20,10 @@ from hydra.utils import instantiate as hydra_instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from tlr_exp import keys
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
+from tlr_exp.env.terms import COSTS, TERMS
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
 from tlr_exp.records.final_metrics import final_terms
@@ -77,11 +77,7 @@ def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
     except RunDirectoryError as error:
         raise ConfigError(f"optimizer.reference: {error}") from error
     share = optimizer["reference_share"]
-    limits = {
-        name: share * cost
-        for name, cost in costs.items()
-        if name in keys.LOWER_LAYER_TERMS and cost > 0.0
-    }
+    limits = {name: share * cost for name, cost in costs.items() if name in COSTS and cost > 0.0}
     if not limits:
         raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")
     return {**optimizer, "limits": limits, "reference": None, "reference_share": 1.0}
@@ -231,11 +227,8 @@ def _same_type(value: Any, standard: Any) -> bool:
 def _reward_problems(reward: RewardSettings) -> Iterator[str]:
     for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
         for name in terms:
-            if name not in keys.TERM_NAMES:
-                yield (
-                    f"reward.{group}.{name} is no reward term; allowed: "
-                    f"{', '.join(keys.TERM_NAMES)}"
-                )
+            if name not in TERMS:
+                yield (f"reward.{group}.{name} is no reward term; allowed: {', '.join(TERMS)}")
     for name in sorted({*reward.goal} & {*reward.optimizing}):
         yield f"reward.goal.{name} stands in reward.optimizing, too; remove one of them"
     for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
@@ -245,7 +238,7 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
     if not reward.goal:
         yield "reward.goal is empty; it needs at least one term, by which trajectories are ranked"
     for name in (*reward.goal, *reward.optimizing):
-        needed = set(keys.TERM_PARAMETERS.get(name, ()))
+        needed = set(TERMS[name].constants if name in TERMS else ())
         given = set(reward.parameters.get(name, {}))
         if needed != given:
             yield f"reward.parameters.{name} has {sorted(given)}; it needs {sorted(needed)}"
@@ -292,8 +285,8 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
 
 def _limit_problems(limits: Any) -> Iterator[str]:
     for name, limit in (limits or {}).items():
-        if name not in keys.LOWER_LAYER_TERMS:
-            allowed = ", ".join(keys.LOWER_LAYER_TERMS)
+        if name not in COSTS:
+            allowed = ", ".join(COSTS)
             yield f"optimizer.limits.{name} is no term of the lower layer; allowed: {allowed}"
         elif isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
             yield f"optimizer.limits.{name} is {limit!r}; allowed: a number above 0"

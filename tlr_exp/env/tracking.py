@@ -23,7 +23,9 @@ from tlr_exp.env.instant import Instant
 from tlr_exp.env.resets import perturb
 from tlr_exp.env.starts import StartFrames
 from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fell
-from tlr_exp.env.terms import TERMS, JointLimits, Transition
+from tlr_exp.env.terms import TERMS
+from tlr_exp.env.transition import JointLimits, Transition
+from tlr_exp.errors import UserError
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
@@ -46,9 +48,20 @@ class TrackingEnv(EnvBase):
         settings: observation, action, starts and ends of episodes.
         seed: of the environment's own generator.
         failures: whether an episode can end by a failure (evaluations let it go on).
+        start_frames: frames of the motion in which every episode of each robot starts, [num_envs];
+            by default as ``settings`` say.
+        saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
+            the first one of all robots hands back the saved episodes and starts none.
+
+    Attributes:
+        term_names: the names of the terms, in order.
+        start_frame, episode_step: where each episode began and how far it is, [num_envs] int64.
+        state: of the robots, after the last step or reset.
+        reference: the motion, which is read ``settings.reference_lead`` frames ahead.
+        starts, distance: the frames in which episodes start, and the distance limit of episodes.
 
     Raises:
-        ValueError: a choice that does not exist, or a motion that does not fit.
+        UserError: a choice that does not exist, a motion or start frames that do not fit.
     """
 
     def __init__(
@@ -60,6 +73,8 @@ class TrackingEnv(EnvBase):
         settings: EnvSettings,
         seed: int,
         failures: bool = True,
+        start_frames: Sequence[int] | None = None,
+        saved: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_choice("env.observation", settings.observation, OBSERVATIONS)
@@ -71,7 +86,9 @@ class TrackingEnv(EnvBase):
         self.settings = settings
         self.failures = failures
         self.term_names = tuple(terms)
-        self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
+        self.terms = [
+            partial(TERMS[name].function, **constants) for name, constants in terms.items()
+        ]
 
         tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)
         self.default_joint_pos = tensor(robot.default_joint_pos_rad)
@@ -86,10 +103,13 @@ class TrackingEnv(EnvBase):
         # The reference is read ahead, and an episode has one step at least.
         num_starts = reference.num_frames - 1 - settings.reference_lead
         self.starts = StartFrames(settings.start_phase, num_starts, reference.fps, self.device)
-        self._frames: Tensor | None = None
+        self._start_frames = None if start_frames is None else self._checked(start_frames)
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()
+        self._resumes = saved is not None
+        if saved is not None:
+            self._restore(saved)
 
     # --- specs and buffers -------------------------------------------------------------------
 
@@ -111,14 +131,13 @@ class TrackingEnv(EnvBase):
         self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
         self.state: PhysicsState = self.physics.state()
         self._unstable = UnstableStates()
-        self._resume_pending = False
 
     # --- stepping ----------------------------------------------------------------------------
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get(keys.ACTION)
         before = self.state
-        self._resume_pending = False
+        self._resumes = False
         after = self.physics.step(self._joint_target(action))
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
@@ -221,32 +240,32 @@ class TrackingEnv(EnvBase):
 
     def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        if self._resume_pending and mask is None:
-            self._resume_pending = False
+        if self._resumes and mask is None:
+            self._resumes = False
         else:
             everyone = torch.arange(self.batch_size[0], device=self.device)
             self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
         return self._reset_output()
 
-    def start_at(self, frames: Sequence[int]) -> None:
-        """From now on every episode of robot i starts in frame ``frames[i]`` of the motion.
+    def _checked(self, frames: Sequence[int]) -> Tensor:
+        """Start frames as a tensor.
 
         Raises:
-            ValueError: not one frame for each robot, or no episode can start there.
+            UserError: not one frame for each robot, or no episode can start there.
         """
         allowed = self.starts.num_starts
         if len(frames) != self.batch_size[0] or not all(0 <= frame < allowed for frame in frames):
-            raise ValueError(
+            raise UserError(
                 f"start frames are {list(frames)}; needed are {self.batch_size[0]}, one for each "
                 f"robot, from 0 to {allowed - 1}"
             )
-        self._frames = torch.tensor(frames, dtype=torch.int64, device=self.device)
+        return torch.tensor(frames, dtype=torch.int64, device=self.device)
 
     def _start_episodes(self, env_ids: Tensor) -> None:
-        if self._frames is None:
+        if self._start_frames is None:
             start = self.starts.draw(len(env_ids), self.generator)
         else:
-            start = self._frames.index_select(0, env_ids)
+            start = self._start_frames.index_select(0, env_ids)
         reference = self.reference.frame(start)
         qpos, qvel = perturb(
             reference.qpos,
@@ -295,7 +314,7 @@ class TrackingEnv(EnvBase):
     _BUFFERS = ("start_frame", "episode_step", "previous_action", "observed", "privileged")
 
     def simulation_state(self) -> dict[str, object]:
-        """All that is needed to go on bit for bit, between two steps."""
+        """All that is needed to go on bit for bit, between two steps: a new one's ``saved``."""
         return {
             "physics": self.physics.state_dict(),
             "generator": self.generator.get_state(),
@@ -304,11 +323,7 @@ class TrackingEnv(EnvBase):
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
-    def restore_simulation(self, saved: Mapping[str, Any]) -> None:
-        """Continue from ``simulation_state()``: the next full reset starts no new episode.
-
-        A collector begins with a reset; after a restoration that one hands back the saved state.
-        """
+    def _restore(self, saved: Mapping[str, Any]) -> None:
         self.physics.load_state_dict(saved["physics"])
         self.state = self.physics.state()
         self.generator.set_state(saved["generator"])
@@ -317,17 +332,16 @@ class TrackingEnv(EnvBase):
             self.starts.load_state_dict(saved["starts"])
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))
-        self._resume_pending = True
 
 
 def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:
     rate_hz = 1.0 / control_dt_s
     if abs(reference.fps - rate_hz) > 1e-6:
-        raise ValueError(
+        raise UserError(
             f"the motion has {reference.fps:g} frames a second, the control rate is "
             f"{rate_hz:g} Hz: resample the clip first"
         )
     if reference.num_frames < lead + 2:
-        raise ValueError(
+        raise UserError(
             f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}"
         )

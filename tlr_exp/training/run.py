@@ -10,10 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tlr_exp.assembly.parts import Parts
 from tlr_exp.config.identity import run_identity
 from tlr_exp.config.input_files import file_hashes
 from tlr_exp.config.limits import check_starts
-from tlr_exp.config.load import ConfigError, instantiate
+from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import Settings
 from tlr_exp.mlflow_sync.mirror import (
     Mirror,
@@ -32,9 +33,12 @@ from tlr_exp.records.run_directory import (
 )
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
-from tlr_exp.robot.g1 import CONTROL_DT_S
 
 if TYPE_CHECKING:
+    from tlr_exp.motion.clip import MotionClip
+    from tlr_exp.optimizer.protocol import WeightOptimizer
+    from tlr_exp.reward.objectives import Objective
+    from tlr_exp.robot.model import Robot
     from tlr_exp.training.loop import Outcome
 
 EXIT_FAILED, EXIT_CONFIG, EXIT_INTERRUPTED = 1, 2, 130
@@ -64,33 +68,31 @@ def tracking_uri(settings: Settings) -> str | None:
         raise ConfigError(f"tracking_uri: {error}") from error
 
 
-def check_inputs(settings: Settings) -> None:
-    """Try what the configuration names, before a run directory is made.
+def check_inputs(settings: Settings) -> Parts:
+    """Try what the configuration names, before a run directory is made; what was built thereby.
 
     Raises:
         ConfigError: see `check_world`, `check_lower_layer` and `check_beginning`.
     """
-    check_world(settings)
-    check_lower_layer(settings)
+    robot, clip = check_world(settings)
+    objective, weight_optimizer = check_lower_layer(settings)
     check_beginning(settings)
+    return Parts(robot, clip, objective, weight_optimizer)
 
 
-def check_world(settings: Settings, device: bool = True) -> None:
-    """Read the model and the motion, and look for the device.
+def check_world(settings: Settings, device: bool = True) -> tuple[Robot, MotionClip]:
+    """The model and the motion, read; and look for the device.
 
     Without ``device`` that is left out, for a machine that only hands work to others.
 
     Raises:
         ConfigError: a model that is not a G1, a motion that cannot be, or a device that is away.
     """
-    from tlr_exp.motion.authoring.keyframes import load_motion
-    from tlr_exp.motion.clip import resample
-    from tlr_exp.robot.model import build_robot
+    from tlr_exp.assembly.world import build_clip, build_robot_of, num_starts
 
-    robot = settings.env.robot
     try:
-        model = build_robot(robot.mjcf, robot.gains, robot.collisions)
-        clip = resample(load_motion(settings.env.motion, model), 1.0 / CONTROL_DT_S, model)
+        robot = build_robot_of(settings.env)
+        clip = build_clip(settings.env, robot)
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if settings.env.reference_lead + 2 > clip.num_frames:
@@ -100,25 +102,26 @@ def check_world(settings: Settings, device: bool = True) -> None:
             f"{settings.env.reference_lead + 2} are needed"
         )
     try:
-        num_steps = clip.num_frames - 1 - settings.env.reference_lead
-        check_starts("scale.evaluate_starts", settings.scale.evaluate_starts, num_steps)
+        starts = settings.scale.evaluate_starts
+        check_starts("scale.evaluate_starts", starts, num_starts(settings.env, clip))
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if device and settings.device != "cpu":
         from tlr_exp.assembly.learner import check_device
 
         check_device(settings.device)
+    return robot, clip
 
 
-def check_lower_layer(settings: Settings) -> None:
-    """Build the objective and the weight optimizer, which check their settings themselves.
+def check_lower_layer(settings: Settings) -> tuple[Objective, WeightOptimizer]:
+    """The objective and the weight optimizer, which check their settings themselves.
 
     Raises:
         ConfigError: one of them refuses its settings, or lacks a package.
     """
-    objective = instantiate(settings.reward.objective)
-    num_terms = len(settings.reward.optimizing)
-    instantiate(settings.optimizer, num_terms=num_terms, objective=objective, seed=0, device="cpu")
+    from tlr_exp.assembly.lower_layer import build_lower_layer
+
+    return build_lower_layer(settings)
 
 
 def check_beginning(settings: Settings) -> None:
@@ -165,8 +168,11 @@ def open_run(
     return create()
 
 
-def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
-    """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
+def train_in(run: RunDirectory, settings: Settings, parts: Parts, uri: str | None) -> Outcome:
+    """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at.
+
+    ``parts`` are what `check_inputs` has built.
+    """
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
     run.set_status(RUNNING)
     complete_extension(run)
@@ -175,7 +181,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
         # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.
         from tlr_exp.training.loop import Training
 
-        training = Training(settings, run)
+        training = Training(settings, run, parts)
         outcome = training.train()
     except BaseException as error:
         # A full disk must not hide what went wrong first.
