@@ -46,10 +46,11 @@ def test_environment_against_bare_physics(num_envs, benchmark):
     collect = build_collect(env, policy, NUM_STEPS)
     collect()
     bare_s, whole_s = [], []
+    targets = env.joint_targets
 
     def alternate():
         bare.load_state_dict(env.physics.state_dict())
-        bare_s.append(_bare_seconds(bare, env.default_joint_pos + env.action_scale * action))
+        bare_s.append(_bare_seconds(bare, targets.default_pos + targets.scale * action))
         start = time.perf_counter()
         collect()
         whole_s.append(time.perf_counter() - start)

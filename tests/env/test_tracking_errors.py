@@ -252,7 +252,7 @@ def test_phase_is_that_of_the_reference_and_ends_at_one(playing):
 
 def test_history_in_the_environment_is_newest_first_and_repeats_the_first_frame(playing):
     env = playing("env.start_phase=zero")
-    default = env.default_joint_pos
+    default = env.joint_targets.default_pos
     joints = [env.reset()[keys.OBSERVATION][:, :23]]
     assert torch.equal(joints[0], env.state.qpos[:, 7:] - default)
     for k in range(1, 8):

@@ -151,7 +151,7 @@ def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
         def policy(tensordict):
             frame = env.episode_step + env.settings.reference_lead - steps_late
             target = env.reference.frame(frame).qpos[:, 7:]
-            action = (target - env.default_joint_pos) / env.action_scale
+            action = (target - env.joint_targets.default_pos) / env.joint_targets.scale
             return tensordict.set(keys.ACTION, action)
 
         (trajectory,) = rollout(env, policy)

@@ -14,9 +14,10 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from tlr_exp import keys
-from tlr_exp.config.limits import ACTIONS, OBSERVATIONS, START_PHASES, check_choice
+from tlr_exp.config.limits import OBSERVATIONS, START_PHASES, check_choice
 from tlr_exp.config.settings import EnvSettings
 from tlr_exp.env import observations, specs
+from tlr_exp.env.actions import JointTargets
 from tlr_exp.env.errors import tracking_errors
 from tlr_exp.env.instability import UnstableStates
 from tlr_exp.env.instant import Instant
@@ -58,6 +59,7 @@ class TrackingEnv(EnvBase):
         start_frame, episode_step: where each episode began and how far it is, [num_envs] int64.
         state: of the robots, after the last step or reset.
         reference: the motion, which is read ``settings.reference_lead`` frames ahead.
+        joint_targets, limits: what actions mean, and what joints and motors allow.
         starts, distance: the frames in which episodes start, and the distance limit of episodes.
 
     Raises:
@@ -78,7 +80,6 @@ class TrackingEnv(EnvBase):
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_choice("env.observation", settings.observation, OBSERVATIONS)
-        check_choice("env.action", settings.action, ACTIONS)
         check_choice("env.start_phase", settings.start_phase, START_PHASES)
         _check_motion(reference, physics.control_dt, settings.reference_lead)
         self.physics = physics
@@ -89,21 +90,15 @@ class TrackingEnv(EnvBase):
         self.terms = [
             partial(TERMS[name].function, **constants) for name, constants in terms.items()
         ]
-
-        tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)
-        self.default_joint_pos = tensor(robot.default_joint_pos_rad)
-        self.action_scale = tensor(robot.action_scale_rad)
-        self.damping_time_s = tensor(robot.kd / robot.kp)
-        self.limits = JointLimits(
-            tensor(robot.joint_range_rad),
-            tensor(robot.velocity_limit_rad_s),
-            tensor(robot.effort_limit_nm),
-        )
+        self.joint_targets = JointTargets(settings.action, robot, self.device)
+        self.limits = JointLimits.of(robot, self.device)
         self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
         # The reference is read ahead, and an episode has one step at least.
         num_starts = reference.num_frames - 1 - settings.reference_lead
         self.starts = StartFrames(settings.start_phase, num_starts, reference.fps, self.device)
-        self._start_frames = None if start_frames is None else self._checked(start_frames)
+        self._start_frames = (
+            None if start_frames is None else self.starts.checked(start_frames, physics.num_envs)
+        )
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()
@@ -125,10 +120,8 @@ class TrackingEnv(EnvBase):
         self.start_frame = torch.zeros(n, dtype=torch.int64, device=device)
         self.episode_step = torch.zeros(n, dtype=torch.int64, device=device)
         self.previous_action = torch.zeros(n, g1.NUM_JOINTS, device=device)
-        self.observed = torch.zeros(
-            n, observations.OBSERVATION_DIMS[self.settings.observation], device=device
-        )
-        self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
+        self.observed = self.observation_spec[keys.OBSERVATION].zero()
+        self.privileged = self.observation_spec[keys.PRIVILEGED].zero()
         self.state: PhysicsState = self.physics.state()
         self._unstable = UnstableStates()
 
@@ -155,7 +148,7 @@ class TrackingEnv(EnvBase):
 
         transition = Transition(instant, action, self.previous_action, terminated, self.limits)
         terms = torch.stack([term(transition) for term in self.terms], dim=-1)
-        self._observe(instant, action, frame_index)
+        self.observed, self.privileged = self._observe(instant, action, frame_index, self.observed)
         self.previous_action = action
         return TensorDict(
             {
@@ -192,26 +185,10 @@ class TrackingEnv(EnvBase):
         return stepped, after
 
     def _joint_target(self, action: Tensor) -> Tensor:
-        return self._target_of_zero_action() + self.action_scale * action
+        def coming() -> ReferenceFrame:
+            return self.reference.frame(self._frame_index() + 1)
 
-    def _target_of_zero_action(self) -> Tensor:
-        """What an action is relative to, rad: [23], or [num_envs, 23] where robots differ."""
-        match self.settings.action:
-            case "current_pose":
-                return self.state.qpos[:, 7:]
-            case "reference_pose":
-                return self._coming_reference().qpos[:, 7:]
-            case "reference_motion":
-                # With a target that is ahead by velocity * kd / kp, the PD control damps only what
-                # differs from the reference's velocity.
-                coming = self._coming_reference()
-                return coming.qpos[:, 7:] + self.damping_time_s * coming.qvel[:, 6:]
-            case _:
-                return self.default_joint_pos
-
-    def _coming_reference(self) -> ReferenceFrame:
-        """The reference that this step is to reach, with which its end is compared."""
-        return self.reference.frame(self._frame_index() + 1)
+        return self.joint_targets(action, self.state.qpos[:, 7:], coming)
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
@@ -221,20 +198,15 @@ class TrackingEnv(EnvBase):
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
 
-    def _phase(self, frame_index: Tensor) -> Tensor:
-        """Phase of the motion within [0, 1], [n, 1] (Eq. 4 of the paper)."""
-        return (frame_index / (self.reference.num_frames - 1))[:, None]
-
-    def _observe(self, instant: Instant, action: Tensor, frame_index: Tensor) -> None:
-        if self.settings.observation == "history":
-            frame = observations.proprioception(instant, action, self.default_joint_pos)
-            phase = self._phase(frame_index)
-            self.observed = observations.next_history(frame, self.observed, phase)
-        else:
-            self.observed = observations.reference_observation(
-                instant, action, self.default_joint_pos
-            )
-        self.privileged = observations.privileged_observation(instant)
+    def _observe(
+        self, instant: Instant, action: Tensor, frame_index: Tensor, before: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """What actor and critic see; ``before`` is what the actor saw a step ago, if it did."""
+        default, kind = self.joint_targets.default_pos, self.settings.observation
+        # Of the motion, within [0, 1] (Eq. 4 of the paper).
+        phase = (frame_index / (self.reference.num_frames - 1))[:, None]
+        seen = observations.actor_observation(kind, instant, action, default, phase, before)
+        return seen, observations.privileged_observation(instant)
 
     # --- resetting ---------------------------------------------------------------------------
 
@@ -246,20 +218,6 @@ class TrackingEnv(EnvBase):
             everyone = torch.arange(self.batch_size[0], device=self.device)
             self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
         return self._reset_output()
-
-    def _checked(self, frames: Sequence[int]) -> Tensor:
-        """Start frames as a tensor.
-
-        Raises:
-            UserError: not one frame for each robot, or no episode can start there.
-        """
-        allowed = self.starts.num_starts
-        if len(frames) != self.batch_size[0] or not all(0 <= frame < allowed for frame in frames):
-            raise UserError(
-                f"start frames are {list(frames)}; needed are {self.batch_size[0]}, one for each "
-                f"robot, from 0 to {allowed - 1}"
-            )
-        return torch.tensor(frames, dtype=torch.int64, device=self.device)
 
     def _start_episodes(self, env_ids: Tensor) -> None:
         if self._start_frames is None:
@@ -286,12 +244,7 @@ class TrackingEnv(EnvBase):
         frame_index = self._frame_index().index_select(0, env_ids)
         instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
         action = self.previous_action.index_select(0, env_ids)
-        if self.settings.observation == "history":
-            frame = observations.proprioception(instant, action, self.default_joint_pos)
-            observed = observations.first_history(frame, self._phase(frame_index))
-        else:
-            observed = observations.reference_observation(instant, action, self.default_joint_pos)
-        privileged = observations.privileged_observation(instant)
+        observed, privileged = self._observe(instant, action, frame_index)
         self.observed = self.observed.index_copy(0, env_ids, observed)
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
 

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from tlr_exp.env.instant import Instant
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
+from tlr_exp.robot.model import Robot
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,12 @@ class JointLimits:
     range_rad: Tensor
     velocity_rad_s: Tensor
     effort_nm: Tensor
+
+    @classmethod
+    def of(cls, robot: Robot, device: torch.device) -> "JointLimits":
+        """Those of a robot."""
+        tables = (robot.joint_range_rad, robot.velocity_limit_rad_s, robot.effort_limit_nm)
+        return cls(*(torch.as_tensor(each, dtype=torch.float32, device=device) for each in tables))
 
 
 @dataclass(frozen=True)
