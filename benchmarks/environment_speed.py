@@ -137,7 +137,9 @@ def measure(overrides: list[str], num_envs: int, device: str) -> dict:
     import torch
     from hydra import compose, initialize_config_module
 
-    from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+    from tlr_exp.assembly.environment import build_env
+    from tlr_exp.assembly.terms import terms_of_training
+    from tlr_exp.assembly.world import build_clip, build_robot_of
     from tlr_exp.config.load import load_settings
 
     overrides = [*overrides, f"scale.num_envs={num_envs}", f"device={device}"]
@@ -145,7 +147,8 @@ def measure(overrides: list[str], num_envs: int, device: str) -> dict:
         settings = load_settings(compose("config", overrides))
     start = time.perf_counter()
     robot = build_robot_of(settings.env)
-    env = build_env(settings, robot, build_clip(settings.env, robot))
+    clip = build_clip(settings.env, robot)
+    env = build_env(settings, robot, clip, terms_of_training(settings))
     now = env.reset()
     action = torch.zeros(num_envs, env.action_spec.shape[-1], device=device)
     for _ in range(3):

@@ -9,7 +9,9 @@ from hydra import compose, initialize_config_module
 from tensordict.nn import TensorDictModule
 
 from tlr_exp import keys
-from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+from tlr_exp.assembly.environment import build_env
+from tlr_exp.assembly.terms import terms_of_training
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.load import load_settings
 from tlr_exp.physics.native import NativePhysics
 from tlr_exp.robot.g1 import DECIMATION, NUM_JOINTS
@@ -35,7 +37,8 @@ def test_environment_against_bare_physics(num_envs, benchmark):
             compose("config", [f"scale.num_envs={num_envs}", "physics.num_threads=1"])
         )
     robot = build_robot_of(settings.env)
-    env = build_env(settings, robot, build_clip(settings.env, robot))
+    clip = build_clip(settings.env, robot)
+    env = build_env(settings, robot, clip, terms_of_training(settings))
     bare = NativePhysics(robot, num_envs, num_threads=1)
     generator = torch.Generator().manual_seed(0)
     action = 0.3 * torch.randn(num_envs, NUM_JOINTS, generator=generator)
@@ -43,10 +46,11 @@ def test_environment_against_bare_physics(num_envs, benchmark):
     collect = build_collect(env, policy, NUM_STEPS)
     collect()
     bare_s, whole_s = [], []
+    targets = env.joint_targets
 
     def alternate():
         bare.load_state_dict(env.physics.state_dict())
-        bare_s.append(_bare_seconds(bare, env.default_joint_pos + env.action_scale * action))
+        bare_s.append(_bare_seconds(bare, targets.default_pos + targets.scale * action))
         start = time.perf_counter()
         collect()
         whole_s.append(time.perf_counter() - start)

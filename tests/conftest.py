@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -18,6 +19,7 @@ from learners import build_learner
 from tensordict.nn import TensorDictModule
 
 from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.assembly.terms import terms_of_training
 from tlr_exp.config.load import load_settings
 from tlr_exp.config.settings import Settings
 from tlr_exp.env.tracking import TrackingEnv
@@ -95,7 +97,7 @@ MakeEnv = Callable[..., TrackingEnv]
 
 @pytest.fixture(scope="session")
 def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Settings]) -> MakeEnv:
-    """``make_env(*overrides, num_envs=4, seed=0, failures=True, clip=...)``.
+    """``make_env(*overrides, num_envs=4, seed=0, clip=..., failures=True, ...)``.
 
     A ``TrackingEnv`` on the C engine with the reward terms of the configuration.
     """
@@ -104,20 +106,18 @@ def make_env(robot: Robot, short_clip: MotionClip, settings_of: Callable[..., Se
         *overrides: str,
         num_envs: int = 4,
         seed: int = 0,
-        failures: bool = True,
         clip: MotionClip = short_clip,
+        **arguments: Any,
     ) -> TrackingEnv:
         settings = settings_of(*overrides)
-        reward = settings.reward
-        names = (*reward.goal, *reward.optimizing)
         return TrackingEnv(
             physics=NativePhysics(robot, num_envs, num_threads=1),
             reference=Reference(clip),
             robot=robot,
-            terms={name: reward.parameters.get(name, {}) for name in names},
+            terms=terms_of_training(settings),
             settings=settings.env,
             seed=seed,
-            failures=failures,
+            **arguments,
         )
 
     return make

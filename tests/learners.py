@@ -1,4 +1,4 @@
-"""Small learners and the batches they learn from, for the tests of PPO."""
+"""Small learners, the batches they learn from, and trainings."""
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -7,9 +7,12 @@ from torch import Tensor, nn
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from tlr_exp import keys
-from tlr_exp.config.settings import PpoSettings
+from tlr_exp.config.settings import PpoSettings, Settings
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.ppo.networks import build_actor, build_critic
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.training.loop import Training
+from tlr_exp.training.run import check_inputs
 
 OBSERVATION_DIM, PRIVILEGED_DIM, ACTION_DIM = 4, 2, 3
 ONE_PASS = ("ppo.num_epochs=1", "ppo.num_minibatches=1")
@@ -25,6 +28,11 @@ def build_learner(
         actor = build_actor(OBSERVATION_DIM, ACTION_DIM, settings, noise)
         critic = critic or build_critic(OBSERVATION_DIM, PRIVILEGED_DIM, settings)
     return Ppo(actor, critic, settings, seed=seed + 2, exploration=noise)
+
+
+def build_training(settings: Settings, run: RunDirectory) -> Training:
+    """A training as a command makes it, which checks the configuration first."""
+    return Training(settings, run, check_inputs(settings))
 
 
 def first_observation_as_value() -> TensorDictModule:

@@ -1,4 +1,4 @@
-"""The shared vocabulary: tensordict keys, metric names and reward term names.
+"""The shared vocabulary: tensordict keys and metric names.
 
 This module imports nothing of the project, so that every other room may import it.
 """
@@ -19,68 +19,6 @@ LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
 FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
 UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env/tracking.py)
-
-# --- reward terms ----------------------------------------------------------------------------
-# Upper layer, paper section 3.2: the four tracking terms.
-BODY_POS = "body_pos"
-BODY_ROT = "body_rot"
-BODY_VEL = "body_vel"
-BODY_ANG_VEL = "body_ang_vel"
-# Upper layer, further tracking terms of ASAP.
-UPPER_BODY_POS = "upper_body_pos"
-LOWER_BODY_POS = "lower_body_pos"
-THREE_POINT_POS = "three_point_pos"
-FEET_POS = "feet_pos"
-JOINT_POS = "joint_pos"
-JOINT_VEL = "joint_vel"
-# Lower layer, Table 1 and Figure 14 of the paper.
-BASE_HEIGHT = "base_height"
-ANG_VEL_XY = "ang_vel_xy"
-LIN_VEL_Z = "lin_vel_z"
-DOF_POS_LIMITS = "dof_pos_limits"
-DOF_VEL_LIMITS = "dof_vel_limits"
-ACTION_SMOOTHNESS = "action_smoothness"
-TORQUE_LIMITS = "torque_limits"
-# Lower layer, further penalties of ASAP.
-TORQUES = "torques"
-TERMINATION = "termination"
-
-# Each term and the constants it takes (tlr_exp/env/terms.py says what they mean).
-TERM_PARAMETERS: dict[str, tuple[str, ...]] = {
-    BODY_POS: ("sigma",),
-    BODY_ROT: ("sigma",),
-    BODY_VEL: ("sigma",),
-    BODY_ANG_VEL: ("sigma",),
-    UPPER_BODY_POS: ("sigma",),
-    LOWER_BODY_POS: ("sigma",),
-    THREE_POINT_POS: ("sigma",),
-    FEET_POS: ("sigma",),
-    JOINT_POS: ("sigma",),
-    JOINT_VEL: ("sigma",),
-    BASE_HEIGHT: (),
-    ANG_VEL_XY: (),
-    LIN_VEL_Z: (),
-    DOF_POS_LIMITS: ("margin",),
-    DOF_VEL_LIMITS: ("margin",),
-    ACTION_SMOOTHNESS: (),
-    TORQUE_LIMITS: ("margin",),
-    TORQUES: (),
-    TERMINATION: (),
-}
-TERM_NAMES = tuple(TERM_PARAMETERS)
-PAPER_LOWER_LAYER = (
-    BASE_HEIGHT,
-    ANG_VEL_XY,
-    LIN_VEL_Z,
-    DOF_POS_LIMITS,
-    DOF_VEL_LIMITS,
-    ACTION_SMOOTHNESS,
-    TORQUE_LIMITS,
-)
-
-
-# What a limit can be set to: every cost, and no tracking term.
-LOWER_LAYER_TERMS = (*PAPER_LOWER_LAYER, TORQUES, TERMINATION)
 
 
 # --- episodes --------------------------------------------------------------------------------

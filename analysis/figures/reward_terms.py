@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import NotDrawnError
-from analysis.measures.quantities import FORMULAS
-from tlr_exp import keys
+from tlr_exp.env.terms import PAPER_LOWER_LAYER, TERMS
 
 _SYMBOLS = {"margin": "ε", "sigma": "\N{GREEK SMALL LETTER SIGMA}"}
 
@@ -49,14 +48,20 @@ def table_1(study: Study) -> tuple[TermRow, ...]:
     return tuple(
         TermRow(
             name,
-            *FORMULAS.get(name, ("", "")),
+            *_formula_and_unit(name),
             coefficient,
             constants,
             () if len(arms) == len(study.arms) else tuple(pretty_arm(arm) for arm in arms),
-            name in keys.PAPER_LOWER_LAYER,
+            name in PAPER_LOWER_LAYER,
         )
         for (name, coefficient, constants), arms in found.items()
     )
+
+
+def _formula_and_unit(name: str) -> tuple[str, str]:
+    """Empty for a term of another version, which this one does not have."""
+    term = TERMS.get(name)
+    return ("", "") if term is None else (term.formula, term.unit)
 
 
 def _terms(config: dict) -> list[tuple[str, float, str]]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from tlr_exp import keys
+from tlr_exp.env.terms import TERMS
 
 # What the training of an arm is judged by.
 TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
@@ -62,24 +63,6 @@ EFFORT_OF_ROLL_OUT = {
 }
 COST_OF_ROLL_OUT = {COST: Quantity("Lower-layer cost", "reward a second", False)}
 
-# Formula and unit of the raw value of every term that may stand in the lower layer, as
-# tlr_exp/env/terms.py computes it. N = 23 joints; b: base frame. All of them are better smaller.
-FORMULAS: dict[str, tuple[str, str]] = {
-    keys.BASE_HEIGHT: ("(h_base - h_des)²", "m²"),
-    keys.ANG_VEL_XY: ("‖ω_base,xy‖²", "(rad/s)²"),
-    keys.LIN_VEL_Z: ("v_base,z²", "(m/s)²"),
-    keys.DOF_POS_LIMITS: (
-        "(1/N) Σ_i [max(0, q_i - q_max,i + Δ⁺_i)² + max(0, q_min,i - q_i + Δ⁻_i)²], "
-        "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
-        "rad²",
-    ),
-    keys.DOF_VEL_LIMITS: ("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²"),
-    keys.ACTION_SMOOTHNESS: ("Σ_i (a_i,t - a_i,t-1)²", "1"),
-    keys.TORQUE_LIMITS: ("(1/N) Σ_i max(0, |τ_i| - (1 - ε) τ_max,i)²", "(N m)²"),
-    keys.TORQUES: ("Σ_i τ_i²", "(N m)²"),
-    keys.TERMINATION: ("1 where the step ended the episode by a failure, else 0", "1"),
-}
-
 
 def quantity(metric: str) -> Quantity:
     """How a metric is shown; metrics without an entry appear under their own name."""
@@ -88,8 +71,9 @@ def quantity(metric: str) -> Quantity:
 
 def quantity_of_roll_out(measure: str) -> Quantity | None:
     """How a measure of a roll-out is shown; None where it is not known which way is better."""
+    if measure.startswith(keys.REWARD_TERM_PREFIX):
+        term = TERMS.get(measure.removeprefix(keys.REWARD_TERM_PREFIX))
+        is_cost = term is not None and term.is_cost
+        return Quantity(term.name, term.unit, False) if is_cost else None
     known = TRACKING_OF_ROLL_OUT | EFFORT_OF_ROLL_OUT | COST_OF_ROLL_OUT
-    term = measure.removeprefix(keys.REWARD_TERM_PREFIX)
-    if measure != term and term in FORMULAS:
-        return Quantity(term, FORMULAS[term][1], False)
     return known.get(measure)

@@ -13,6 +13,7 @@ from analysis.report.judges import Finding
 from analysis.report.maturity import taken_back, too_early
 from analysis.report.verdicts import Verdict
 from tlr_exp import keys
+from tlr_exp.env.terms import dof_pos_limits
 
 
 @dataclass(frozen=True)
@@ -126,13 +127,13 @@ CLAIMS = (
         "The weight of dof_pos_limits ends high.",
         "0.92",
         "one run, Fig. 14",
-        judges.final_weights((keys.DOF_POS_LIMITS,), 0.92),
+        judges.final_weights((dof_pos_limits.name,), 0.92),
     ),
     Claim(
         "The weight of dof_pos_limits, averaged over training.",
         "0.676",
         "one run, Fig. 14",
-        judges.mean_weight(keys.DOF_POS_LIMITS, 0.676),
+        judges.mean_weight(dof_pos_limits.name, 0.676),
     ),
     Claim(
         "The weight search costs little of an iteration.",

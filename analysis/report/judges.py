@@ -13,6 +13,7 @@ from analysis.report.maturity import ALPHA, policies_track
 from analysis.report.verdicts import Verdict, above_zero, agreement, around
 from analysis.statistics.slope import tail_change
 from tlr_exp import keys
+from tlr_exp.env import terms
 
 PAPER_CONTROL_STEPS = 4096 * 24 * 2500
 EARLY_SHARE = 0.2  # the first 500 of 2500 iterations, until the two-layered arm overtakes
@@ -203,4 +204,5 @@ def _seconds(phase: str) -> str:
 _TWO_LAYERED_BETTER = "two-layered arm tracks better"
 _TWO_LAYERED_LONGER = "two-layered arm has the longer episodes"
 _STATIC_LONGER = "static arm has the longer episodes"
-NEAR_ONE = (keys.ANG_VEL_XY, keys.LIN_VEL_Z, keys.DOF_POS_LIMITS, keys.DOF_VEL_LIMITS)
+_HIGH = (terms.ang_vel_xy, terms.lin_vel_z, terms.dof_pos_limits, terms.dof_vel_limits)
+NEAR_ONE = tuple(term.name for term in _HIGH)

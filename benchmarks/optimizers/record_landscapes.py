@@ -17,8 +17,11 @@ from hydra import compose, initialize_config_module
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tlr_exp.assembly.environment import build_clip, build_env, build_robot_of
+from tlr_exp.assembly.environment import build_env
 from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.assembly.lower_layer import build_lower_layer
+from tlr_exp.assembly.terms import terms_of_training
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.load import CONFIG_PATH, load_settings
 from tlr_exp.config.settings import Settings
 from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
@@ -65,8 +68,10 @@ def record(
         `goal_return_N` [num_envs] and `term_returns_N` [num_envs, num_terms] of each iteration N.
     """
     robot = build_robot_of(settings.env)
-    env = build_env(settings, robot, build_clip(settings.env, robot))
-    trainer = build_trainer(settings, env, build_ppo(settings))
+    clip = build_clip(settings.env, robot)
+    env = build_env(settings, robot, clip, terms_of_training(settings))
+    ppo = build_ppo(settings)
+    trainer = build_trainer(settings, env, ppo, *build_lower_layer(settings))
     recording = Recording(trainer.weight_optimizer)
     trainer.weight_optimizer = recording
     found = {}

@@ -21,7 +21,10 @@ from tlr_exp import keys
 
 Curve = Callable[[np.ndarray], np.ndarray]  # progress in training (0, 1] [T] -> expected value [T]
 
-TERMS = keys.PAPER_LOWER_LAYER[:6]
+TERMS = (  # the six of the paper's Figure 14
+    *("base_height", "ang_vel_xy", "lin_vel_z"),
+    *("dof_pos_limits", "dof_vel_limits", "action_smoothness"),
+)
 NUM_ENVS, NUM_STEPS = 8, 24
 EVALUATION_METRICS = (
     *("eval/upper_body_error_m", "eval/lower_body_error_m", "eval/survival", "eval/upright"),
@@ -74,7 +77,7 @@ def standard_curves(effect: float = 0.0, adaptive: bool = False) -> dict[str, Cu
     for index, term in enumerate(TERMS):
         curves[keys.WEIGHT_PREFIX + term] = rise(1.0, 0.2 + 0.25 * index) if adaptive else level(1)
         curves[keys.REWARD_TERM_PREFIX + term] = rise(1.0 + index, 0.1)
-    for index, term in enumerate((keys.BODY_POS, keys.BODY_ROT)):
+    for index, term in enumerate(("body_pos", "body_rot")):
         curves[keys.REWARD_TERM_PREFIX + term] = rise(0.2 + 0.1 * index, 0.8)
     return curves
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from tlr_exp.env.instant import Instant
-from tlr_exp.env.terms import JointLimits, Transition
+from tlr_exp.env.transition import JointLimits, Transition
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import g1
@@ -58,25 +58,28 @@ def state_on() -> Callable[[ReferenceFrame], PhysicsState]:
 
 @pytest.fixture(scope="session")
 def tracking(random_frame, state_on) -> Callable[..., Transition]:
-    """``tracking(num_envs=1, seed=0)``: perfect tracking without torque and action.
+    """``tracking(num_envs=1, seed=0, **fields)``: perfect tracking without torque and action.
 
-    Every joint has the range [-1, 3] rad, 10 rad/s and 50 N m.
+    Every joint has the range [-1, 3] rad, 10 rad/s and 50 N m. ``fields`` are other values for
+    fields of the transition or of its state: ``tracking(foot_contact_force=...)``.
     """
 
-    def make(num_envs: int = 1, seed: int = 0) -> Transition:
+    def make(num_envs: int = 1, seed: int = 0, **fields: Tensor) -> Transition:
         frame = random_frame(num_envs, seed)
+        of_state = {name: fields.pop(name) for name in PhysicsState._fields if name in fields}
         limits = JointLimits(
             torch.tensor([[-1.0, 3.0]]).expand(JOINTS, 2),
             torch.full((JOINTS,), 10.0),
             torch.full((JOINTS,), 50.0),
         )
-        return Transition(
-            instant=Instant(state_on(frame), frame),
+        step = Transition(
+            instant=Instant(state_on(frame)._replace(**of_state), frame),
             action=torch.zeros(num_envs, JOINTS),
             previous_action=torch.zeros(num_envs, JOINTS),
             terminated=torch.zeros(num_envs, dtype=torch.bool),
             limits=limits,
         )
+        return replace(step, **fields)  # type: ignore[arg-type]
 
     return make
 
@@ -91,13 +94,16 @@ def unrelated(tracking, random_frame, state_on) -> Callable[..., Transition]:
         state.joint_torque.copy_(60.0 * torch.randn(num_envs, JOINTS, generator=generator))
         state.qpos[:, 7:] *= 3.0
         state.qvel[:, 6:] *= 10.0
-        step = tracking(num_envs, seed)
-        return replace(
-            step,
-            instant=Instant(state, step.reference),
-            action=torch.randn(num_envs, JOINTS, generator=generator),
-            previous_action=torch.randn(num_envs, JOINTS, generator=generator),
-            terminated=torch.rand(num_envs, generator=generator) < 0.5,
+        action, previous_action = torch.randn(2, num_envs, JOINTS, generator=generator)
+        terminated = torch.rand(num_envs, generator=generator) < 0.5
+        state.foot_contact_force.copy_(torch.randn(num_envs, 2, 3, generator=generator))
+        return tracking(
+            num_envs,
+            seed,
+            action=action,
+            previous_action=previous_action,
+            terminated=terminated,
+            **state._asdict(),
         )
 
     return make

@@ -41,7 +41,7 @@ def assert_same_bits(left: TensorDictBase, right: TensorDictBase) -> None:
 
 @pytest.fixture
 def make(make_env):
-    def build(*overrides: str, seed: int = 0):
+    def build(*overrides: str, **arguments):
         # The limit tightens as episodes end, so that it too must be restored.
         return make_env(
             *NOISE,
@@ -49,7 +49,7 @@ def make(make_env):
             "env.termination.loosen_below_steps=1",
             *overrides,
             "env.termination.tighten_rate=0.01",
-            seed=seed,
+            **arguments,
         )
 
     return build
@@ -72,10 +72,7 @@ def test_fresh_environment_continues_bit_for_bit(make, choice, steps_before):
     # Episodes end and start within the thirty steps, so generator and limit matter.
     assert expected["next", keys.DONE].any()
 
-    fresh = make(choice, seed=99)
-    fresh.reset()
-    run(fresh, fresh.reset(), actions(3, seed=5))
-    fresh.restore_simulation(saved)
+    fresh = make(choice, seed=99, saved=saved)
     start = fresh.reset()
     for key in (keys.OBSERVATION, keys.PRIVILEGED):
         assert torch.equal(start[key], now[key])
@@ -91,30 +88,30 @@ def test_only_the_first_full_reset_hands_back_the_saved_episodes(make):
     run(env, env.reset(), actions(5, seed=1))
     before = env.episode_step
     assert before.any()
-    env.restore_simulation(env.simulation_state())
-    env.reset()
-    assert torch.equal(env.episode_step, before)
-    env.reset()
-    assert not env.episode_step.any()
+    fresh = make(saved=env.simulation_state())
+    fresh.reset()
+    assert torch.equal(fresh.episode_step, before)
+    fresh.reset()
+    assert not fresh.episode_step.any()
 
 
 def test_a_partial_reset_after_a_restoration_starts_those_episodes(make):
     env = make("env.start_phase=zero")
     _, now = run(env, env.reset(), actions(5, seed=1))
-    env.restore_simulation(env.simulation_state())
+    fresh = make("env.start_phase=zero", saved=env.simulation_state())
     mask = torch.tensor([True, False, False, False])[:, None]
-    env.reset(now.set("_reset", mask))
-    assert env.episode_step.tolist() == [0, 5, 5, 5]
+    fresh.reset(now.set("_reset", mask))
+    assert fresh.episode_step.tolist() == [0, 5, 5, 5]
 
 
 def test_an_environment_that_steps_on_after_a_restoration_can_be_reset(make):
     env = make("env.start_phase=zero")
     _, now = run(env, env.reset(), actions(5, seed=1))
-    env.restore_simulation(env.simulation_state())
-    _, now = run(env, now, actions(1, seed=2))
-    assert env.episode_step.tolist() == [6] * NUM_ENVS
-    env.reset()
-    assert env.episode_step.tolist() == [0] * NUM_ENVS
+    fresh = make("env.start_phase=zero", saved=env.simulation_state())
+    run(fresh, now, actions(1, seed=2))
+    assert fresh.episode_step.tolist() == [6] * NUM_ENVS
+    fresh.reset()
+    assert fresh.episode_step.tolist() == [0] * NUM_ENVS
 
 
 def test_a_saved_state_is_not_changed_by_going_on(make):
@@ -135,8 +132,7 @@ def test_a_checkpoint_without_start_phases_is_restored(make):
     run(env, env.reset(), actions(5, seed=1))
     saved = through_a_file(env.simulation_state())
     del saved["starts"]
-    fresh = make(seed=9)
-    fresh.restore_simulation(saved)
+    fresh = make(seed=9, saved=saved)
     assert torch.equal(fresh.episode_step, env.episode_step)
     script = actions(30, seed=2)
     expected, _ = run(env, env._reset_output(), script)

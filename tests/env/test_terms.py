@@ -1,6 +1,7 @@
 """Reward terms: one number each by hand, their ranges, and parity with NumPy loops over bodies."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,23 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from analysis.measures.quantities import quantity_of_roll_out
 from tlr_exp import keys
+from tlr_exp.config.load import ConfigError
 from tlr_exp.env import terms
 from tlr_exp.env.instant import Instant
-from tlr_exp.env.terms import TERMS
+from tlr_exp.env.terms import COSTS, TERMS
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.robot import g1
 
-GOAL_TERMS = (
-    *(keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL),
-    *(keys.UPPER_BODY_POS, keys.LOWER_BODY_POS, keys.THREE_POINT_POS, keys.FEET_POS),
-    *(keys.JOINT_POS, keys.JOINT_VEL),
-)
-COSTS = tuple(name for name in keys.TERM_NAMES if name not in GOAL_TERMS)
+GOAL_TERMS = tuple(name for name in TERMS if name not in COSTS)
 
 
 def constants_of(name: str) -> dict[str, float]:
-    return dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1)
+    return dict.fromkeys(TERMS[name].constants, 0.1)
 
 
 def move(step, bodies: tuple[str, ...], by: tuple[float, float, float]) -> None:
@@ -36,10 +34,46 @@ def move(step, bodies: tuple[str, ...], by: tuple[float, float, float]) -> None:
 # --- properties of every term ----------------------------------------------------------------
 
 
-def test_every_term_name_has_its_function():
-    assert {name: term.__name__ for name, term in TERMS.items()} == {
-        name: name for name in keys.TERM_NAMES
-    }
+def test_a_term_is_stated_once_and_known_everywhere(settings_of, make_env, tracking):
+    """Its function alone: configuration, environment and report have it then."""
+    with pytest.raises(ConfigError, match=r"reward\.optimizing\.pushing is no reward term"):
+        settings_of("+reward.optimizing.pushing=-1")
+
+    @terms.cost("max(0, |F_z| - F_0)", "N")
+    def pushing(step, *, threshold: float):
+        force = step.state.foot_contact_force[..., 2].abs().sum(dim=-1)
+        return (force - threshold).clamp(min=0.0)
+
+    overrides = ("+reward.optimizing.pushing=-2", "+reward.parameters.pushing.threshold=100")
+    try:
+        with pytest.raises(ConfigError, match=r"pushing has \[\]; it needs \['threshold'\]"):
+            settings_of(overrides[0])
+        env = make_env(*overrides, "env.start_phase=zero", failures=False)
+        shown = quantity_of_roll_out(keys.REWARD_TERM_PREFIX + "pushing")
+    finally:
+        del TERMS["pushing"]
+    assert env.term_names[-1] == "pushing"
+    now = env.reset()
+    for _ in range(12):  # until it has come down on its feet
+        after = env.step(now.set(keys.ACTION, torch.zeros(4, g1.NUM_JOINTS)))["next"]
+    force = env.state.foot_contact_force[..., 2].abs().sum(dim=-1)
+    assert (force > 100.0).all()
+    assert torch.equal(after[keys.REWARD_TERMS][:, -1], (force - 100.0).clamp(min=0.0))
+    assert shown is not None
+    assert (shown.name, shown.unit, shown.larger_is_better) == ("pushing", "N", False)
+    # 3 N and 90 N on the feet, 93 N in all: by hand.
+    step = tracking(foot_contact_force=torch.tensor([[[0.0, 5.0, 3.0], [0.0, 0.0, -90.0]]]))
+    assert pushing(step, threshold=50.0).item() == 43.0
+
+
+def test_what_a_term_is_called_and_takes_is_what_its_function_says():
+    assert list(TERMS) == [term.function.__name__ for term in TERMS.values()]
+    assert TERMS["body_pos"] is terms.body_pos
+    assert (terms.body_pos.is_cost, terms.body_pos.constants) == (False, ("sigma",))
+    assert (terms.torque_limits.is_cost, terms.torque_limits.constants) == (True, ("margin",))
+    assert terms.torques.constants == ()
+    assert COSTS[:7] == terms.PAPER_LOWER_LAYER
+    assert COSTS[7:] == ("torques", "termination")
 
 
 @pytest.mark.parametrize("name", GOAL_TERMS)
@@ -55,7 +89,7 @@ def test_a_robot_that_stands_still_within_its_limits_costs_nothing(name, trackin
     assert TERMS[name](step, **constants_of(name)).tolist() == [0.0] * 2
 
 
-@pytest.mark.parametrize("name", keys.TERM_NAMES)
+@pytest.mark.parametrize("name", TERMS)
 def test_goal_terms_lie_within_0_and_1_and_costs_are_not_negative(name, unrelated):
     result = TERMS[name](unrelated(200), **constants_of(name))
     assert result.shape == (200,)
@@ -66,18 +100,19 @@ def test_goal_terms_lie_within_0_and_1_and_costs_are_not_negative(name, unrelate
     assert (result <= 1.0).all() or name not in GOAL_TERMS
 
 
-@pytest.mark.parametrize("name", keys.TERM_NAMES)
+@pytest.mark.parametrize("name", TERMS)
 def test_environments_do_not_mix(name, unrelated):
     """What one environment gets does not depend on its neighbours."""
     step = unrelated(6)
     whole = TERMS[name](step, **constants_of(name))
     row = torch.tensor([4])
-    alone = terms.Transition(
-        Instant(step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference))),
-        step.action[row],
-        step.previous_action[row],
-        step.terminated[row],
-        step.limits,
+    reference = ReferenceFrame(*(field[row] for field in step.reference))
+    alone = replace(
+        step,
+        instant=Instant(step.state.at(row), reference),
+        action=step.action[row],
+        previous_action=step.previous_action[row],
+        terminated=step.terminated[row],
     )
     torch.testing.assert_close(TERMS[name](alone, **constants_of(name)), whole[4:5])
 

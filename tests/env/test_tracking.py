@@ -15,8 +15,9 @@ from torchrl.envs.utils import check_env_specs
 from tlr_exp import keys
 from tlr_exp.config.limits import ACTIONS
 from tlr_exp.env.instant import Instant
-from tlr_exp.env.terms import TERMS, Transition
+from tlr_exp.env.terms import TERMS
 from tlr_exp.env.tracking import TrackingEnv
+from tlr_exp.env.transition import Transition
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.training.build import build_collect
@@ -267,7 +268,7 @@ def test_choices_that_do_not_exist_are_refused_with_those_that_do(
 
 def build(robot, clip: MotionClip, settings) -> TrackingEnv:
     reference = Reference(clip)
-    terms = {keys.BASE_HEIGHT: {}}
+    terms = {"base_height": {}}
     return TrackingEnv(Playback(reference, NUM_ENVS), reference, robot, terms, settings, 1, 0)
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from tlr_exp import keys
 from tlr_exp.config.limits import ACTIONS
+from tlr_exp.env.terms import TERMS
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.state import PhysicsState
@@ -20,7 +21,7 @@ from tlr_exp.robot import g1
 
 NUM_ENVS = 3
 LAST_FRAME = 40  # of the short motion
-GOAL = (keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL)
+GOAL = ("body_pos", "body_rot", "body_vel", "body_ang_vel")
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def playing(robot, short_clip, settings_of):
             Playback(reference, NUM_ENVS, settings.reference_lead if ahead is None else ahead),
             reference,
             robot,
-            {name: dict.fromkeys(keys.TERM_PARAMETERS[name], 0.1) for name in terms},
+            {name: dict.fromkeys(TERMS[name].constants, 0.1) for name in terms},
             settings,
             seed=0,
             failures=failures,
@@ -84,7 +85,7 @@ def test_a_robot_that_follows_without_lead_is_one_frame_behind(playing, short_cl
 
 
 def test_terms_stand_in_the_order_of_the_configuration(playing):
-    names = (keys.BASE_HEIGHT, keys.BODY_POS, keys.ACTION_SMOOTHNESS, keys.TERMINATION)
+    names = ("base_height", "body_pos", "action_smoothness", "termination")
     env = playing(terms=names)
     env.reset()
     env.physics.shift_m[1] = torch.tensor([0.0, 0.0, 0.5])
@@ -251,7 +252,7 @@ def test_phase_is_that_of_the_reference_and_ends_at_one(playing):
 
 def test_history_in_the_environment_is_newest_first_and_repeats_the_first_frame(playing):
     env = playing("env.start_phase=zero")
-    default = env.default_joint_pos
+    default = env.joint_targets.default_pos
     joints = [env.reset()[keys.OBSERVATION][:, :23]]
     assert torch.equal(joints[0], env.state.qpos[:, 7:] - default)
     for k in range(1, 8):

@@ -18,7 +18,7 @@ from tlr_exp.keys import Ending
 from tlr_exp.reward.split import RewardSplit
 from tlr_exp.robot import g1
 
-SPLIT = RewardSplit({"body_pos": 2.0}, {"base_height": -4.0}, 0.02)
+SPLIT = RewardSplit({"body_pos": 2.0}, {"base_height": -4.0}, 0.02, ["body_pos", "base_height"])
 
 
 def test_errors_are_means_over_the_bodies_of_each_half():

@@ -16,7 +16,7 @@ from tlr_exp.reward.split import RewardSplit
 from tlr_exp.robot import g1
 
 DT = 0.02
-SPLIT = RewardSplit({"body_pos": 1.0}, {}, DT)
+SPLIT = RewardSplit({"body_pos": 1.0}, {}, DT, ["body_pos"])
 
 
 def still_policy(tensordict):
@@ -25,9 +25,8 @@ def still_policy(tensordict):
 
 
 def evaluation_env(make_env, frames=(0,), **arguments):
-    env = make_env("env.start_phase=zero", failures=False, num_envs=len(frames), **arguments)
-    env.start_at(frames)
-    return env
+    zero = "env.start_phase=zero"
+    return make_env(zero, failures=False, num_envs=len(frames), start_frames=frames, **arguments)
 
 
 def test_rollout_follows_the_motion_to_its_end(make_env, short_clip, settings_of):
@@ -132,7 +131,7 @@ def test_a_network_s_batch_differs_from_single_roll_outs_by_rounding_alone(make_
 @pytest.mark.parametrize("frames", [(0,), (0, 39), (-1, 0)])
 def test_start_frames_that_do_not_fit_are_refused(make_env, frames):
     with pytest.raises(ValueError, match=r"needed are 2, one for each robot, from 0 to 38"):
-        make_env(num_envs=2).start_at(frames)
+        make_env(num_envs=2, start_frames=frames)
 
 
 def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
@@ -152,7 +151,7 @@ def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
         def policy(tensordict):
             frame = env.episode_step + env.settings.reference_lead - steps_late
             target = env.reference.frame(frame).qpos[:, 7:]
-            action = (target - env.default_joint_pos) / env.action_scale
+            action = (target - env.joint_targets.default_pos) / env.joint_targets.scale
             return tensordict.set(keys.ACTION, action)
 
         (trajectory,) = rollout(env, policy)

@@ -4,9 +4,9 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from learners import build_training
 
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.training.loop import Training
 
 TINY = (
     "scale.num_envs=16",
@@ -33,5 +33,5 @@ def trained_run(settings_of, tmp_path_factory: pytest.TempPathFactory) -> Path:
         identity="0123abcd",
         files={"env.motion": "a hash"},
     )
-    Training(settings, run).train()
+    build_training(settings, run).train()
     return run.path

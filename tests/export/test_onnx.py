@@ -12,10 +12,13 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from learners import build_training
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from tlr_exp import keys
-from tlr_exp.assembly.environment import build_clip, build_evaluation_env, build_robot_of
+from tlr_exp.assembly.environment import build_evaluation_env
+from tlr_exp.assembly.terms import terms_of_evaluation
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.commands import export_policy
 from tlr_exp.env.observations import OBSERVATION_DIMS
 from tlr_exp.evaluation.choosing import choose, load_policy
@@ -25,7 +28,6 @@ from tlr_exp.export.onnx_file import largest_difference, onnx_model, write_onnx
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.robot import g1
 from tlr_exp.robot.model import build_robot, robot_xml
-from tlr_exp.training.loop import Training
 
 ROOT = Path(__file__).parents[2]
 POLICY = ROOT / "results" / "policies" / "gym_motion-fixed"
@@ -41,7 +43,7 @@ def run_of(settings_of, tmp_path_factory):
         run = RunDirectory.create(
             tmp_path_factory.mktemp("runs") / "run", dataclasses.asdict(settings), {}
         )
-        Training(settings, run).train()
+        build_training(settings, run).train()
         return run.path
 
     return train
@@ -62,7 +64,9 @@ def test_targets_and_reference_are_those_of_the_environment(run_of, overrides):
     robot = build_robot_of(choice.settings.env)
     clip = build_clip(choice.settings.env, robot)
     actor = load_policy(choice)
-    env = build_evaluation_env(choice.settings, robot, clip, starts=3)
+    env = build_evaluation_env(
+        choice.settings, robot, clip, terms_of_evaluation(choice.settings), starts=3
+    )
     model = onnx_model(choice, actor, robot, clip)
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]

@@ -235,6 +235,7 @@ def test_a_persistent_pack_of_another_size_is_refused() -> None:
         ({"persistent": 2}, "persistent is 2; allowed: true or false"),
         ({"pack_size": 2}, "pack_size is 2; allowed: at least 3"),
         ({"pack_size": "many"}, "pack_size is 'many'; allowed: a whole number"),
+        ({"pack_size": 30.5}, "pack_size is 30.5; allowed: a whole number"),
         ({"iterations": 0}, "iterations is 0; allowed: at least 1"),
         ({"tie_break": "last"}, "tie_break is 'last'; allowed: first, largest_norm"),
         ({"warm_start": "yes"}, "warm_start is 'yes'; allowed: true or false"),

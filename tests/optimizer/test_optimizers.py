@@ -11,7 +11,7 @@ from configured import make
 from landscapes import Recorder, constant, plateau, uneven_bowl
 
 import conf
-from tlr_exp import keys
+from tlr_exp.env.terms import PAPER_LOWER_LAYER
 from tlr_exp.optimizer.effective_dimension import setting_for
 from tlr_exp.optimizer.protocol import TrainingProgress, WeightUpdate
 from tlr_exp.reward.objectives import RankDeviation
@@ -30,7 +30,7 @@ VARIANTS = [
     ("effective_dimension", {"inner": {"warm_start": True}}),
 ]
 BUDGET = 30 + 30 * 50  # of the paper's search, as conf/optimizer/gwo.yaml has it
-COSTS = dict.fromkeys(keys.PAPER_LOWER_LAYER[:5], 0.3)
+COSTS = dict.fromkeys(PAPER_LOWER_LAYER[:5], 0.3)
 NUM_TERMS = len(COSTS)
 
 

@@ -19,7 +19,7 @@ from tlr_exp.robot import g1
 STEPS = 30
 FALL = 12  # the first step of the falling robot that counts as fallen
 LYING = (np.cos(np.pi / 4), 0.0, np.sin(np.pi / 4), 0.0)  # a quarter turn about y: on its face
-SPLIT = RewardSplit({"body_pos": 1.0}, {}, 0.02)
+SPLIT = RewardSplit({"body_pos": 1.0}, {}, 0.02, ["body_pos"])
 LIMITS = {"max_tilt": 0.8, "max_distance_m": 0.3}
 
 

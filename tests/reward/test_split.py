@@ -3,8 +3,10 @@
 import pytest
 import torch
 
-from tlr_exp import keys
+from tlr_exp.errors import UserError
 from tlr_exp.reward.split import RewardSplit
+
+NAMES = ("body_pos", "body_rot", "base_height", "lin_vel_z")
 
 
 @pytest.fixture
@@ -13,6 +15,7 @@ def split() -> RewardSplit:
         goal={"body_pos": 1.0, "body_rot": 0.5},
         optimizing={"base_height": -10.0, "lin_vel_z": -2.0},
         control_dt_s=0.5,
+        term_names=NAMES,
     )
 
 
@@ -20,10 +23,30 @@ def split() -> RewardSplit:
 RAW = torch.tensor([[[1.0, 2.0, 0.5, 1.0], [0.0, 4.0, 1.0, 3.0]]])
 
 
-def test_names_are_goal_then_optimizing_in_the_order_given(split: RewardSplit) -> None:
+def test_each_layer_has_its_names_in_the_order_given(split: RewardSplit) -> None:
     assert split.goal_names == ("body_pos", "body_rot")
     assert split.optimizing_names == ("base_height", "lin_vel_z")
-    assert split.term_names == ("body_pos", "body_rot", "base_height", "lin_vel_z")
+    assert split.term_names == NAMES
+
+
+def test_terms_are_found_by_name_wherever_they_are_recorded(split: RewardSplit) -> None:
+    """Another order, and a term between them that neither layer has."""
+    names = ("lin_vel_z", "body_rot", "torques", "base_height", "body_pos")
+    other = RewardSplit(
+        goal={"body_pos": 1.0, "body_rot": 0.5},
+        optimizing={"base_height": -10.0, "lin_vel_z": -2.0},
+        control_dt_s=0.5,
+        term_names=names,
+    )
+    raw = torch.full((1, 2, 5), 1e3)
+    for column, name in enumerate(NAMES):
+        raw[..., names.index(name)] = RAW[..., column]
+    for found, expected in zip(other.returns(raw), split.returns(RAW), strict=True):
+        torch.testing.assert_close(found, expected)
+    weights = torch.tensor([0.2, 1.0])
+    torch.testing.assert_close(other.compose(raw, weights), split.compose(RAW, weights))
+    means = dict(zip(NAMES, (0.5, 1.0, 2.0, 3.0), strict=True))
+    assert other.layers(means) == split.layers(means) == (1.0, 26.0)
 
 
 def test_returns_by_hand(split: RewardSplit) -> None:
@@ -81,7 +104,7 @@ def test_composing_changes_neither_the_terms_nor_later_results(split: RewardSpli
 
 
 def test_a_goal_alone_needs_no_weights() -> None:
-    split = RewardSplit(goal={"body_pos": 2.0}, optimizing={}, control_dt_s=0.02)
+    split = RewardSplit({"body_pos": 2.0}, {}, 0.02, ["body_pos"])
     raw = torch.ones(3, 4, 1)
     goal_return, term_returns = split.returns(raw)
     torch.testing.assert_close(goal_return, torch.full((3,), 4 * 0.02 * 2.0))
@@ -89,34 +112,34 @@ def test_a_goal_alone_needs_no_weights() -> None:
     torch.testing.assert_close(split.compose(raw, torch.ones(0)), torch.full((3, 4, 1), 0.04))
 
 
-def test_unknown_names_are_refused_with_the_names_there_are() -> None:
-    with pytest.raises(ValueError, match=r"body_poss.*goal") as error:
-        RewardSplit(goal={"body_poss": 1.0}, optimizing={}, control_dt_s=0.02)
-    assert all(name in str(error.value) for name in keys.TERM_NAMES)
-    with pytest.raises(ValueError, match=r"heigth.*optimizing"):
-        RewardSplit(goal={"body_pos": 1.0}, optimizing={"heigth": -1.0}, control_dt_s=0.02)
+def test_terms_that_nothing_records_are_refused_with_those_that_are() -> None:
+    with pytest.raises(UserError, match=r"body_poss.*goal") as error:
+        RewardSplit({"body_poss": 1.0}, {}, 0.02, NAMES)
+    assert all(name in str(error.value) for name in NAMES)
+    with pytest.raises(UserError, match=r"heigth.*optimizing"):
+        RewardSplit({"body_pos": 1.0}, {"heigth": -1.0}, 0.02, NAMES)
 
 
 def test_a_term_in_both_groups_is_refused() -> None:
     with pytest.raises(ValueError, match=r"\['body_pos'\].*both groups"):
-        RewardSplit(goal={"body_pos": 1.0}, optimizing={"body_pos": 1.0}, control_dt_s=0.02)
+        RewardSplit({"body_pos": 1.0}, {"body_pos": 1.0}, 0.02, NAMES)
 
 
 def test_an_empty_goal_is_refused() -> None:
     with pytest.raises(ValueError, match=r"'goal' is empty"):
-        RewardSplit(goal={}, optimizing={"base_height": -10.0}, control_dt_s=0.02)
+        RewardSplit({}, {"base_height": -10.0}, 0.02, NAMES)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "1e-6", None, True])
 def test_coefficients_that_are_no_finite_number_are_refused(value: object) -> None:
     with pytest.raises(ValueError, match=r"optimizing\.torques must be a finite number"):
-        RewardSplit({"body_pos": 1.0}, {"torques": value}, 0.02)  # pyright: ignore[reportArgumentType]
+        RewardSplit({"body_pos": 1.0}, {"torques": value}, 0.02, ("body_pos", "torques"))  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("control_dt_s", [0.0, -0.02, float("nan")])
 def test_a_control_step_that_is_not_positive_is_refused(control_dt_s: float) -> None:
     with pytest.raises(ValueError, match="control_dt_s"):
-        RewardSplit({"body_pos": 1.0}, {}, control_dt_s)
+        RewardSplit({"body_pos": 1.0}, {}, control_dt_s, NAMES)
 
 
 def test_shapes_that_do_not_fit_are_refused(split: RewardSplit) -> None:

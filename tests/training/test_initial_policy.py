@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 import torch
+from learners import build_training
 
 from tlr_exp import keys
 from tlr_exp.assembly.learner import build_ppo
@@ -11,7 +12,6 @@ from tlr_exp.config.load import ConfigError
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training.initial_policy import begin_with, check_initial_policy
-from tlr_exp.training.loop import Training
 
 TINY = ("scale.num_envs=16", "scale.iterations=1", "ppo.num_steps=4", "ppo.hidden_sizes=[16]")
 
@@ -21,7 +21,7 @@ def trained(tmp_path_factory, settings_of):
     """A run of one iteration, so that its normalisation and its optimizer hold something."""
     settings = settings_of(*TINY)
     path = tmp_path_factory.mktemp("runs") / "old"
-    training = Training(settings, RunDirectory.create(path, dataclasses.asdict(settings), {}))
+    training = build_training(settings, RunDirectory.create(path, dataclasses.asdict(settings), {}))
     training.train()
     return training
 
@@ -46,7 +46,7 @@ def same(one: torch.nn.Module, other: torch.nn.Module) -> bool:
 def test_the_first_actions_are_those_of_the_old_policy(trained, checkpoint, settings_of, tmp_path):
     settings = settings_of(*TINY, "seed=8", f"init_from={checkpoint}")
     run = RunDirectory.create(tmp_path / "new", dataclasses.asdict(settings), {})
-    new = Training(settings, run)
+    new = build_training(settings, run)
     assert new.done == 0
     batch = new.trainer.collect()
     with torch.no_grad():

@@ -68,7 +68,9 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
     optimizer, ppo = Listening(num_terms=1, objective=objective, seed=0, device="cpu"), FakePpo()
     trainer = Trainer(
         collect=lambda: next(batches),
-        split=RewardSplit({"body_pos": 1.0}, {"ang_vel_xy": -1.0}, 0.02),
+        split=RewardSplit(
+            {"body_pos": 1.0}, {"ang_vel_xy": -1.0}, 0.02, ["body_pos", "ang_vel_xy"]
+        ),
         weight_optimizer=optimizer,
         box_sample=BoxSample(1, objective),
         ppo=ppo,  # type: ignore[arg-type]

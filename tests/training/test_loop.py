@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from learners import build_training
 
 from tlr_exp import keys
 from tlr_exp.assembly.split import build_split
+from tlr_exp.assembly.terms import terms_of_training
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.result import evaluate_policy
 from tlr_exp.ppo.networks import in_float32
@@ -14,7 +16,6 @@ from tlr_exp.records.extending import extend
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training.loop import (
     SNAPSHOT_SHARES,
-    Training,
     UnstableSimulationError,
     checkpoint_store,
 )
@@ -32,7 +33,7 @@ TINY = (
 def training(tmp_path, settings_of, short_clip_path):
     settings = settings_of(*TINY, f"env.motion={short_clip_path}")
     run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
-    return Training(settings, run)
+    return build_training(settings, run)
 
 
 def poison(physics, env_ids, monkeypatch):
@@ -66,7 +67,7 @@ def test_a_smaller_share_is_counted_and_the_run_goes_on(
 ):
     settings = settings_of(*TINY, "scale.num_envs=128", f"env.motion={short_clip_path}")
     run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
-    training = Training(settings, run)
+    training = build_training(settings, run)
     poison(training.env.physics, [7], monkeypatch)
     assert training.train().status == "finished"
     assert [line[keys.UNSTABLE_ENVS] for line in run.metrics()] == [1, 0, 0]
@@ -77,7 +78,7 @@ def test_returns_that_are_not_finite_end_the_run_with_an_explanation(tmp_path, s
     huge = "reward.optimizing.ang_vel_xy=-3e38"  # times what float32 holds
     run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
     with pytest.raises(UserError, match="term_returns is not finite"):
-        Training(settings_of(*TINY, huge, "optimizer=gwo"), run).train()
+        build_training(settings_of(*TINY, huge, "optimizer=gwo"), run).train()
 
 
 def test_damaged_metrics_end_a_resume_with_an_explanation(training):
@@ -111,7 +112,9 @@ def test_the_last_iteration_is_evaluated_and_kept_as_best(training):
 
 def evaluated(tmp_path, settings_of, starts):
     settings = settings_of(*TINY, "scale.iterations=1", f"scale.evaluate_starts={starts}")
-    training = Training(settings, RunDirectory.create(tmp_path / f"{starts}", {"seed": 0}, {}))
+    training = build_training(
+        settings, RunDirectory.create(tmp_path / f"{starts}", {"seed": 0}, {})
+    )
     training.train()
     return training, training.run.metrics()[-1]
 
@@ -149,7 +152,7 @@ def test_one_seed_gives_the_same_bits_twice_and_another_seed_others(
     def trained(name, seed):
         settings = settings_of(*TINY, f"env.motion={short_clip_path}", f"seed={seed}")
         run = RunDirectory.create(tmp_path / name, {"seed": seed}, {})
-        training = Training(settings, run)
+        training = build_training(settings, run)
         training.train()
         lines = [{k: v for k, v in m.items() if "time" not in k} for m in run.metrics()]
         return repr(lines), training.trainer.ppo.actor.state_dict()
@@ -169,9 +172,9 @@ def test_a_training_on_cuda_resumes_from_its_checkpoint(
         pytest.skip("no CUDA device here")
     changes = (f"env.motion={short_clip_path}", "device=cuda", f"physics={physics}")
     run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
-    first = Training(settings_of(*TINY, *changes, "scale.iterations=2"), run)
+    first = build_training(settings_of(*TINY, *changes, "scale.iterations=2"), run)
     assert first.train().iteration == 2
-    resumed = Training(settings_of(*TINY, *changes), run)
+    resumed = build_training(settings_of(*TINY, *changes), run)
     assert resumed.done == 2
     saved = first.trainer.ppo.actor.state_dict()
     restored = resumed.trainer.ppo.actor.state_dict()
@@ -182,14 +185,16 @@ def test_a_training_on_cuda_resumes_from_its_checkpoint(
 
 def test_the_penalty_scale_multiplies_every_coefficient_of_the_lower_layer_alone(settings_of):
     plain, scaled = settings_of(), settings_of("reward.penalty_scale=0.25")
-    terms = torch.ones(2, 3, len(build_split(plain).term_names))
+    names = tuple(terms_of_training(plain))
+    terms = torch.ones(2, 3, len(names))
     none = torch.zeros(len(plain.reward.optimizing))
     ones = torch.ones_like(none)
     (goal, costs), (scaled_goal, scaled_costs) = (
-        build_split(settings).returns(terms) for settings in (plain, scaled)
+        build_split(settings, names).returns(terms) for settings in (plain, scaled)
     )
     assert torch.equal(scaled_goal, goal)
     torch.testing.assert_close(scaled_costs, 0.25 * costs)
-    goal_alone = build_split(plain).compose(terms, none)
-    full = build_split(plain).compose(terms, ones) - goal_alone
-    torch.testing.assert_close(build_split(scaled).compose(terms, ones) - goal_alone, 0.25 * full)
+    goal_alone = build_split(plain, names).compose(terms, none)
+    full = build_split(plain, names).compose(terms, ones) - goal_alone
+    less = build_split(scaled, names).compose(terms, ones) - goal_alone
+    torch.testing.assert_close(less, 0.25 * full)

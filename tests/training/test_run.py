@@ -9,8 +9,10 @@ import pytest
 from tlr_exp.config.components import instantiate
 from tlr_exp.config.load import ConfigError
 from tlr_exp.machine.terminal import print_error
-from tlr_exp.motion.clip import clip_from_qpos
+from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.records.metrics_file import DamagedMetricsError
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.training.loop import Training
 from tlr_exp.training.run import check_inputs, check_lower_layer, check_world
 
 
@@ -104,8 +106,25 @@ def test_failures_of_a_training_are_explained_and_others_are_not(capsys):
     assert "KeyError: 'a bug'" in capsys.readouterr().err
 
 
-def test_pytorch_is_not_loaded_before_the_configuration_is_checked():
-    heavy = "{'torch', 'mujoco', 'mlflow'}"
-    script = f"import sys, tlr_exp.commands.train; print(*{heavy} & set(sys.modules))"
+def test_a_training_goes_on_with_what_its_check_has_built(settings_of, tmp_path):
+    settings = settings_of("scale.num_envs=16", "ppo.hidden_sizes=[16]", "optimizer=gwo")
+    parts = check_inputs(settings)
+    again = check_inputs(settings).weight_optimizer
+    training = Training(settings, RunDirectory.create(tmp_path / "run", {"seed": 0}, {}), parts)
+    assert training.trainer.weight_optimizer is parts.weight_optimizer is not again
+    assert training.trainer.box_sample.objective is parts.objective
+    np.testing.assert_array_equal(MotionClip.load(training.run.motion_path).qpos, parts.clip.qpos)
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("tlr_exp.commands.train", {"torch", "mujoco", "mlflow"}),
+        ("tlr_exp.assembly.world", {"torch", "mlflow"}),
+        ("analysis.figures.reward_terms", {"torch", "mujoco"}),
+    ],
+)
+def test_pytorch_is_not_loaded_before_the_configuration_is_checked(module, heavy):
+    script = f"import sys, {module}; print(*{heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout == "\n", done

@@ -70,7 +70,7 @@ def train(config: DictConfig) -> int:
     if is_run(settings.resume):
         return _go_on_with(settings.resume, plain_config(config))
     uri = tracking_uri(settings)
-    check_inputs(settings)
+    parts = check_inputs(settings)
     plain = with_absolute_paths(plain_config(config))
     settings.init_from = plain[INITIAL]
     method = HydraConfig.get().runtime.choices["optimizer"]
@@ -79,7 +79,7 @@ def train(config: DictConfig) -> int:
         print(f"this configuration has been trained already: {run.path}")
         return 0
     with run.lock():
-        outcome = train_in(run, settings, uri)
+        outcome = train_in(run, settings, parts, uri)
     if outcome.status == FINISHED:
         advice = next_step(settings, run.metrics(), HydraConfig.get().overrides.task)
         if advice is not None:
@@ -100,9 +100,9 @@ def _go_on_with(path: str, asked: dict[str, Any]) -> int:
         settings = found.settings
         is_auto = settings.tracking_uri == "auto"
         uri = store_of_run(run) if is_auto else tracking_uri(settings)
-        check_inputs(settings)
+        parts = check_inputs(settings)
         found.record()
-        outcome = train_in(run, settings, uri)
+        outcome = train_in(run, settings, parts, uri)
     return _how_it_ended(run, outcome)
 
 

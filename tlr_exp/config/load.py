@@ -16,10 +16,10 @@ from typing import Any, get_type_hints
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from tlr_exp import keys
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
+from tlr_exp.env.terms import COSTS, TERMS
 from tlr_exp.errors import UserError
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
@@ -74,11 +74,7 @@ def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
     except RunDirectoryError as error:
         raise ConfigError(f"optimizer.reference: {error}") from error
     share = optimizer["reference_share"]
-    limits = {
-        name: share * cost
-        for name, cost in costs.items()
-        if name in keys.LOWER_LAYER_TERMS and cost > 0.0
-    }
+    limits = {name: share * cost for name, cost in costs.items() if name in COSTS and cost > 0.0}
     if not limits:
         raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")
     return {**optimizer, "limits": limits, "reference": None, "reference_share": 1.0}
@@ -174,11 +170,8 @@ def _schema_keys(path: str) -> list[str]:
 def _reward_problems(reward: RewardSettings) -> Iterator[str]:
     for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
         for name in terms:
-            if name not in keys.TERM_NAMES:
-                yield (
-                    f"reward.{group}.{name} is no reward term; allowed: "
-                    f"{', '.join(keys.TERM_NAMES)}"
-                )
+            if name not in TERMS:
+                yield (f"reward.{group}.{name} is no reward term; allowed: {', '.join(TERMS)}")
     for name in sorted({*reward.goal} & {*reward.optimizing}):
         yield f"reward.goal.{name} stands in reward.optimizing, too; remove one of them"
     for group, terms in (("goal", reward.goal), ("optimizing", reward.optimizing)):
@@ -188,7 +181,7 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
     if not reward.goal:
         yield "reward.goal is empty; it needs at least one term, by which trajectories are ranked"
     for name in (*reward.goal, *reward.optimizing):
-        needed = set(keys.TERM_PARAMETERS.get(name, ()))
+        needed = set(TERMS[name].constants if name in TERMS else ())
         given = set(reward.parameters.get(name, {}))
         if needed != given:
             yield f"reward.parameters.{name} has {sorted(given)}; it needs {sorted(needed)}"
@@ -228,8 +221,8 @@ def _limit_problems(optimizer: Mapping[str, Any]) -> Iterator[str]:
     """Limits of what is no cost. The optimizer passes over limits of terms that it has not."""
     limits = optimizer["limits"] if _has_limits(optimizer) else None
     for name in limits or {}:
-        if name not in keys.LOWER_LAYER_TERMS:
-            allowed = ", ".join(keys.LOWER_LAYER_TERMS)
+        if name not in COSTS:
+            allowed = ", ".join(COSTS)
             yield f"optimizer.limits.{name} is no term of the lower layer; allowed: {allowed}"
 
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 from torch import Tensor
 
-from tlr_exp.env.rotations import into_frame, rotation_matrix
+from tlr_exp.env.rotations import into_frame, rotation_angle, rotation_matrix
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 
@@ -30,6 +30,11 @@ class Instant:
     def squared_distance(self) -> Tensor:
         """Squared distance of each body from its reference, m^2, [n, 27]."""
         return self.body_pos_error_w.square().sum(dim=-1)
+
+    @cached_property
+    def rotation_angle(self) -> Tensor:
+        """Angle between each body and its reference, rad, [n, 27]."""
+        return rotation_angle(self.reference.body_quat_w, self.state.body_quat_w)
 
     @cached_property
     def base_rotation(self) -> Tensor:

@@ -70,6 +70,25 @@ def reference_observation(instant: Instant, action: Tensor, default_joint_pos: T
     )
 
 
+def actor_observation(
+    kind: str,
+    instant: Instant,
+    action: Tensor,
+    default_joint_pos: Tensor,
+    phase: Tensor,
+    before: Tensor | None = None,
+) -> Tensor:
+    """What the actor sees, [n, OBSERVATION_DIMS[kind]].
+
+    ``phase`` [n, 1] is that of the motion; ``before`` is what the actor saw a step ago, None at the
+    start of an episode.
+    """
+    if kind == "reference":
+        return reference_observation(instant, action, default_joint_pos)
+    frame = proprioception(instant, action, default_joint_pos)
+    return first_history(frame, phase) if before is None else next_history(frame, before, phase)
+
+
 def privileged_observation(instant: Instant) -> Tensor:
     """What only the critic sees, [n, 165].
 

@@ -4,10 +4,13 @@
 failures are counted in the bin in which they happen, and starts are drawn where they are many.
 """
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
 from tlr_exp.config.limits import check_starts
+from tlr_exp.errors import UserError
 
 # As in BeyondMimic's code. A second is about the time from a mistake to a fall: shorter bins would
 # hold too few failures to compare, longer ones would repeat more than what went wrong.
@@ -63,6 +66,19 @@ class StartFrames:
         bins = torch.multinomial(self.probabilities(), count, replacement=True, generator=generator)
         within = torch.rand(count, generator=generator, device=self.device)
         return self._first[bins] + (within * self._sizes[bins]).long()
+
+    def checked(self, frames: Sequence[int], count: int) -> Tensor:
+        """Frames that somebody has chosen for ``count`` robots, [count] int64.
+
+        Raises:
+            UserError: not one frame for each robot, or no episode can start there.
+        """
+        if len(frames) != count or not all(0 <= frame < self.num_starts for frame in frames):
+            raise UserError(
+                f"start frames are {list(frames)}; needed are {count}, one for each robot, from 0 "
+                f"to {self.num_starts - 1}"
+            )
+        return torch.tensor(frames, dtype=torch.int64, device=self.device)
 
     def probabilities(self) -> Tensor:
         """Of each bin to be drawn from by ``adaptive``, [num_bins]; even before any failure.

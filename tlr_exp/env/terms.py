@@ -1,55 +1,87 @@
 """Reward terms: each a pure function of one transition that returns its raw, unweighted value.
 
-Tracking terms lie in [0, 1] and are 1 at perfect tracking; all others are costs, at least 0, that
-enter the reward with a negative coefficient. Every term maps a ``Transition`` of
-``num_envs`` environments to a float32 tensor [num_envs]. A coefficient or a weight has no place
-here: see ``tlr_exp.reward.split``.
+A term is stated here and nowhere else: its name is the function's, its constants are what the
+function takes by keyword, and the decorator says its kind, formula and unit. Every term maps a
+``Transition`` of ``num_envs`` environments to a float32 tensor [num_envs]. A coefficient or a
+weight has no place here: see ``tlr_exp.reward.split``.
+
+PyTorch is not imported, so that a configuration is checked and a report written without it: terms
+use the methods of the tensors that they are given.
+
+In formulas N is the number of bodies, or that of joints (23) where a sum is over i; "base" is the
+frame of the pelvis; σ (``sigma``) and ε (``margin``) are constants.
 """
 
+from __future__ import annotations
+
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-import torch
-from torch import Tensor
-
-from tlr_exp import keys
-from tlr_exp.env.instant import Instant
-from tlr_exp.env.rotations import rotation_angle
-from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot import g1
 
+if TYPE_CHECKING:
+    from torch import Tensor
 
-@dataclass(frozen=True)
-class JointLimits:
-    """What the motors and joints allow: range [23, 2] rad, velocity [23] rad/s, effort [23] N m."""
-
-    range_rad: Tensor
-    velocity_rad_s: Tensor
-    effort_nm: Tensor
+    from tlr_exp.env.transition import Transition
 
 
 @dataclass(frozen=True)
-class Transition:
-    """One control step of all environments, seen from the instant after it.
+class Term:
+    """A reward term; called with a transition and its constants it gives its raw value.
 
-    The reference is the one that the step was to reach; actions are raw, [num_envs, 23];
-    ``terminated`` [num_envs] is true where the step ended the episode by a failure.
+    Attributes:
+        function: computes it.
+        is_cost: at least 0, and enters the reward with a negative coefficient; else it tells how
+            well the robot tracks, within [0, 1], and is 1 at perfect tracking.
+        formula: of the raw value, as a report shows it.
+        unit: of the raw value.
+        of_paper: whether the paper's lower layer has it (Table 1, Figure 14).
     """
 
-    instant: Instant
-    action: Tensor
-    previous_action: Tensor
-    terminated: Tensor
-    limits: JointLimits
+    function: Callable[..., Tensor]
+    is_cost: bool
+    formula: str
+    unit: str
+    of_paper: bool
+
+    def __call__(self, step: Transition, **constants: float) -> Tensor:
+        return self.function(step, **constants)
 
     @property
-    def state(self) -> PhysicsState:
-        return self.instant.state
+    def name(self) -> str:
+        """As in configurations and metrics."""
+        return self.function.__name__
 
     @property
-    def reference(self) -> ReferenceFrame:
-        return self.instant.reference
+    def constants(self) -> tuple[str, ...]:
+        """Names of what it takes besides the transition."""
+        parameters = inspect.signature(self.function).parameters.values()
+        return tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
+
+
+TERMS: dict[str, Term] = {}
+"""All terms by name, in the order in which they stand here."""
+
+
+def tracking(formula: str) -> Callable[[Callable[..., Tensor]], Term]:
+    """Make a function the tracking term of that formula."""
+    return partial(_listed, is_cost=False, formula=formula, unit="1", of_paper=False)
+
+
+def cost(
+    formula: str, unit: str, of_paper: bool = False
+) -> Callable[[Callable[..., Tensor]], Term]:
+    """Make a function the cost of that formula and unit."""
+    return partial(_listed, is_cost=True, formula=formula, unit=unit, of_paper=of_paper)
+
+
+def _listed(function: Callable[..., Tensor], **facts: Any) -> Term:
+    term = Term(function, **facts)
+    TERMS[term.name] = term
+    return term
 
 
 # --- upper layer: tracking -------------------------------------------------------------------
@@ -66,80 +98,98 @@ def _mean_square(vectors: Tensor) -> Tensor:
     return vectors.flatten(1).square().sum(dim=-1) / vectors.shape[1]
 
 
-def body_pos(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/sigma) (1/3N) sum ||p_ref - p||^2), section 3.2 of the paper; sigma in m^2."""
-    return torch.exp(-_position_error(step, slice(None)) / sigma)
+@tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
+def body_pos(step: Transition, *, sigma: float) -> Tensor:
+    """Over all bodies (section 3.2 of the paper); sigma in m^2."""
+    return (-_position_error(step, slice(None)) / sigma).exp()
 
 
-def body_rot(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/N) sum theta^2 / sigma), section 3.2 of the paper; sigma in rad^2."""
-    angle = rotation_angle(step.reference.body_quat_w, step.state.body_quat_w)
-    return torch.exp(-angle.square().mean(dim=-1) / sigma)
+@tracking("exp(-(1/N) Σ θ² / σ)")
+def body_rot(step: Transition, *, sigma: float) -> Tensor:
+    """θ: angle between each body and its reference (section 3.2 of the paper); sigma in rad^2."""
+    return (-step.instant.rotation_angle.square().mean(dim=-1) / sigma).exp()
 
 
-def body_vel(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/N) sum ||dv||^2 / sigma), section 3.2 of the paper; sigma in (m/s)^2."""
+@tracking("exp(-(1/N) Σ ‖v_ref - v‖² / σ)")
+def body_vel(step: Transition, *, sigma: float) -> Tensor:
+    """Over all bodies (section 3.2 of the paper); sigma in (m/s)^2."""
     error = step.reference.body_lin_vel_w - step.state.body_lin_vel_w
-    return torch.exp(-_mean_square(error) / sigma)
+    return (-_mean_square(error) / sigma).exp()
 
 
-def body_ang_vel(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/N) sum ||domega||^2 / sigma), section 3.2 of the paper; sigma in (rad/s)^2."""
+@tracking("exp(-(1/N) Σ ‖ω_ref - ω‖² / σ)")
+def body_ang_vel(step: Transition, *, sigma: float) -> Tensor:
+    """Over all bodies (section 3.2 of the paper); sigma in (rad/s)^2."""
     error = step.reference.body_ang_vel_w - step.state.body_ang_vel_w
-    return torch.exp(-_mean_square(error) / sigma)
+    return (-_mean_square(error) / sigma).exp()
 
 
-def upper_body_pos(step: Transition, sigma: float) -> Tensor:
+@tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
+def upper_body_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over arms, hands and head (ASAP)."""
-    return torch.exp(-_position_error(step, g1.UPPER_BODY) / sigma)
+    return (-_position_error(step, g1.UPPER_BODY) / sigma).exp()
 
 
-def lower_body_pos(step: Transition, sigma: float) -> Tensor:
+@tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
+def lower_body_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over pelvis, legs and torso (ASAP)."""
-    return torch.exp(-_position_error(step, g1.LOWER_BODY) / sigma)
+    return (-_position_error(step, g1.LOWER_BODY) / sigma).exp()
 
 
-def three_point_pos(step: Transition, sigma: float) -> Tensor:
+@tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
+def three_point_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over the hands and the head (ASAP)."""
-    return torch.exp(-_position_error(step, g1.THREE_POINTS) / sigma)
+    return (-_position_error(step, g1.THREE_POINTS) / sigma).exp()
 
 
-def feet_pos(step: Transition, sigma: float) -> Tensor:
+@tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
+def feet_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over the two ankle-roll links (ASAP)."""
-    return torch.exp(-_position_error(step, g1.FEET) / sigma)
+    return (-_position_error(step, g1.FEET) / sigma).exp()
 
 
-def joint_pos(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/N) sum (q_ref - q)^2 / sigma) over the joints (ASAP); sigma in rad^2."""
+@tracking("exp(-(1/N) Σ_i (q_ref,i - q_i)² / σ)")
+def joint_pos(step: Transition, *, sigma: float) -> Tensor:
+    """Over the joints (ASAP); sigma in rad^2."""
     error = step.reference.qpos[:, 7:] - step.state.qpos[:, 7:]
-    return torch.exp(-error.square().mean(dim=-1) / sigma)
+    return (-error.square().mean(dim=-1) / sigma).exp()
 
 
-def joint_vel(step: Transition, sigma: float) -> Tensor:
-    """exp(-(1/N) sum (dq_ref - dq)^2 / sigma) over the joints (ASAP); sigma in (rad/s)^2."""
+@tracking("exp(-(1/N) Σ_i (q̇_ref,i - q̇_i)² / σ)")
+def joint_vel(step: Transition, *, sigma: float) -> Tensor:
+    """Over the joints (ASAP); sigma in (rad/s)^2."""
     error = step.reference.qvel[:, 6:] - step.state.qvel[:, 6:]
-    return torch.exp(-error.square().mean(dim=-1) / sigma)
+    return (-error.square().mean(dim=-1) / sigma).exp()
 
 
 # --- lower layer: penalties and regularisers -------------------------------------------------
 
 
+@cost("(h_base - h_des)²", "m²", of_paper=True)
 def base_height(step: Transition) -> Tensor:
-    """(h_base - h_des)^2 in m^2, Table 1; h_des is the pelvis height of the reference."""
+    """Table 1; h_des is the pelvis height of the reference."""
     return (step.state.qpos[:, 2] - step.reference.qpos[:, 2]).square()
 
 
+@cost("‖ω_base,xy‖²", "(rad/s)²", of_paper=True)
 def ang_vel_xy(step: Transition) -> Tensor:
-    """||omega_base,xy||^2 in (rad/s)^2, Table 1: roll and pitch rate in the base frame."""
+    """Table 1: roll and pitch rate in the base frame."""
     return step.state.qvel[:, 3:5].square().sum(dim=-1)
 
 
+@cost("v_base,z²", "(m/s)²", of_paper=True)
 def lin_vel_z(step: Transition) -> Tensor:
-    """v_base,z^2 in (m/s)^2, Table 1: vertical velocity in the base frame."""
+    """Table 1: vertical velocity in the base frame."""
     return step.instant.base_lin_vel_b[:, 2].square()
 
 
-def dof_pos_limits(step: Transition, margin: float) -> Tensor:
+@cost(
+    "(1/N) Σ_i [max(0, q_i - q_max,i + Δ⁺_i)² + max(0, q_min,i - q_i + Δ⁻_i)²], "
+    "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
+    "rad²",
+    of_paper=True,
+)
+def dof_pos_limits(step: Transition, *, margin: float) -> Tensor:
     """Squared intrusion into the margin inside both joint limits, mean over joints, rad^2.
 
     Table 1, read so that the margin lies inside the limit: it begins ``margin`` times half the
@@ -153,51 +203,37 @@ def dof_pos_limits(step: Transition, margin: float) -> Tensor:
     return (over.square() + under.square()).mean(dim=-1)
 
 
-def dof_vel_limits(step: Transition, margin: float) -> Tensor:
-    """(1/N) sum max(0, |dq| - (1 - margin) dq_max)^2 in (rad/s)^2, Table 1."""
+@cost("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²", of_paper=True)
+def dof_vel_limits(step: Transition, *, margin: float) -> Tensor:
+    """Joint speeds near what the motors reach (Table 1)."""
     limit = (1.0 - margin) * step.limits.velocity_rad_s
     return (step.state.qvel[:, 6:].abs() - limit).clamp(min=0.0).square().mean(dim=-1)
 
 
-def torque_limits(step: Transition, margin: float) -> Tensor:
-    """(1/N) sum max(0, |tau| - (1 - margin) tau_max)^2 in (N m)^2, Table 1."""
+@cost("Σ_i (a_i,t - a_i,t-1)²", "1", of_paper=True)
+def action_smoothness(step: Transition) -> Tensor:
+    """Change of the raw action (Figure 14; ASAP's action rate)."""
+    return (step.action - step.previous_action).square().sum(dim=-1)
+
+
+@cost("(1/N) Σ_i max(0, |τ_i| - (1 - ε) τ_max,i)²", "(N m)²", of_paper=True)
+def torque_limits(step: Transition, *, margin: float) -> Tensor:
+    """Torques near what the motors give (Table 1)."""
     limit = (1.0 - margin) * step.limits.effort_nm
     return (step.state.joint_torque.abs() - limit).clamp(min=0.0).square().mean(dim=-1)
 
 
-def action_smoothness(step: Transition) -> Tensor:
-    """Sum over joints of the squared change of the raw action (Figure 14; ASAP's action rate)."""
-    return (step.action - step.previous_action).square().sum(dim=-1)
-
-
+@cost("Σ_i τ_i²", "(N m)²")
 def torques(step: Transition) -> Tensor:
-    """Sum over joints of the squared torque, (N m)^2 (ASAP)."""
+    """ASAP's."""
     return step.state.joint_torque.square().sum(dim=-1)
 
 
+@cost("1 where the step ended the episode by a failure, else 0", "1")
 def termination(step: Transition) -> Tensor:
-    """1 where the step ended the episode by a failure, 0 elsewhere (ASAP)."""
+    """ASAP's."""
     return step.terminated.to(step.state.qpos.dtype)
 
 
-TERMS: dict[str, Callable[..., Tensor]] = {
-    keys.BODY_POS: body_pos,
-    keys.BODY_ROT: body_rot,
-    keys.BODY_VEL: body_vel,
-    keys.BODY_ANG_VEL: body_ang_vel,
-    keys.UPPER_BODY_POS: upper_body_pos,
-    keys.LOWER_BODY_POS: lower_body_pos,
-    keys.THREE_POINT_POS: three_point_pos,
-    keys.FEET_POS: feet_pos,
-    keys.JOINT_POS: joint_pos,
-    keys.JOINT_VEL: joint_vel,
-    keys.BASE_HEIGHT: base_height,
-    keys.ANG_VEL_XY: ang_vel_xy,
-    keys.LIN_VEL_Z: lin_vel_z,
-    keys.DOF_POS_LIMITS: dof_pos_limits,
-    keys.DOF_VEL_LIMITS: dof_vel_limits,
-    keys.ACTION_SMOOTHNESS: action_smoothness,
-    keys.TORQUE_LIMITS: torque_limits,
-    keys.TORQUES: torques,
-    keys.TERMINATION: termination,
-}
+COSTS = tuple(name for name, term in TERMS.items() if term.is_cost)
+PAPER_LOWER_LAYER = tuple(name for name, term in TERMS.items() if term.of_paper)

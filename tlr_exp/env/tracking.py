@@ -17,13 +17,16 @@ from tlr_exp import keys
 from tlr_exp.config.limits import check_env
 from tlr_exp.config.settings import EnvSettings
 from tlr_exp.env import observations, specs
+from tlr_exp.env.actions import JointTargets
 from tlr_exp.env.errors import tracking_errors
 from tlr_exp.env.instability import UnstableStates
 from tlr_exp.env.instant import Instant
 from tlr_exp.env.resets import perturb
 from tlr_exp.env.starts import StartFrames
 from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fell
-from tlr_exp.env.terms import TERMS, JointLimits, Transition
+from tlr_exp.env.terms import TERMS
+from tlr_exp.env.transition import JointLimits, Transition
+from tlr_exp.errors import UserError
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
@@ -46,9 +49,21 @@ class TrackingEnv(EnvBase):
         settings: observation, action, starts and ends of episodes.
         seed: of the environment's own generator.
         failures: whether an episode can end by a failure (evaluations let it go on).
+        start_frames: frames of the motion in which every episode of each robot starts, [num_envs];
+            by default as ``settings`` say.
+        saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
+            the first one of all robots hands back the saved episodes and starts none.
+
+    Attributes:
+        term_names: the names of the terms, in order.
+        start_frame, episode_step: where each episode began and how far it is, [num_envs] int64.
+        state: of the robots, after the last step or reset.
+        reference: the motion, which is read ``settings.reference_lead`` frames ahead.
+        joint_targets, limits: what actions mean, and what joints and motors allow.
+        starts, distance: the frames in which episodes start, and the distance limit of episodes.
 
     Raises:
-        ValueError: a choice that does not exist, or a motion that does not fit.
+        UserError: a choice that does not exist, a motion or start frames that do not fit.
     """
 
     def __init__(
@@ -60,6 +75,8 @@ class TrackingEnv(EnvBase):
         settings: EnvSettings,
         seed: int,
         failures: bool = True,
+        start_frames: Sequence[int] | None = None,
+        saved: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_env(settings)
@@ -69,25 +86,24 @@ class TrackingEnv(EnvBase):
         self.settings = settings
         self.failures = failures
         self.term_names = tuple(terms)
-        self.terms = [partial(TERMS[name], **constants) for name, constants in terms.items()]
-
-        tensor = partial(torch.as_tensor, dtype=torch.float32, device=self.device)
-        self.default_joint_pos = tensor(robot.default_joint_pos_rad)
-        self.action_scale = tensor(robot.action_scale_rad)
-        self.damping_time_s = tensor(robot.kd / robot.kp)
-        self.limits = JointLimits(
-            tensor(robot.joint_range_rad),
-            tensor(robot.velocity_limit_rad_s),
-            tensor(robot.effort_limit_nm),
-        )
+        self.terms = [
+            partial(TERMS[name].function, **constants) for name, constants in terms.items()
+        ]
+        self.joint_targets = JointTargets(settings.action, robot, self.device)
+        self.limits = JointLimits.of(robot, self.device)
         self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
         # The reference is read ahead, and an episode has one step at least.
         num_starts = reference.num_frames - 1 - settings.reference_lead
         self.starts = StartFrames(settings.start_phase, num_starts, reference.fps, self.device)
-        self._frames: Tensor | None = None
+        self._start_frames = (
+            None if start_frames is None else self.starts.checked(start_frames, physics.num_envs)
+        )
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self._make_specs(len(terms))
         self._make_buffers()
+        self._resumes = saved is not None
+        if saved is not None:
+            self._restore(saved)
 
     # --- specs and buffers -------------------------------------------------------------------
 
@@ -103,20 +119,17 @@ class TrackingEnv(EnvBase):
         self.start_frame = torch.zeros(n, dtype=torch.int64, device=device)
         self.episode_step = torch.zeros(n, dtype=torch.int64, device=device)
         self.previous_action = torch.zeros(n, g1.NUM_JOINTS, device=device)
-        self.observed = torch.zeros(
-            n, observations.OBSERVATION_DIMS[self.settings.observation], device=device
-        )
-        self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
+        self.observed = self.observation_spec[keys.OBSERVATION].zero()
+        self.privileged = self.observation_spec[keys.PRIVILEGED].zero()
         self.state: PhysicsState = self.physics.state()
         self._unstable = UnstableStates()
-        self._resume_pending = False
 
     # --- stepping ----------------------------------------------------------------------------
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict.get(keys.ACTION)
         before = self.state
-        self._resume_pending = False
+        self._resumes = False
         after = self.physics.step(self._joint_target(action))
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
@@ -134,7 +147,7 @@ class TrackingEnv(EnvBase):
 
         transition = Transition(instant, action, self.previous_action, terminated, self.limits)
         terms = torch.stack([term(transition) for term in self.terms], dim=-1)
-        self._observe(instant, action, frame_index)
+        self.observed, self.privileged = self._observe(instant, action, frame_index, self.observed)
         self.previous_action = action
         return TensorDict(
             {
@@ -171,26 +184,10 @@ class TrackingEnv(EnvBase):
         return stepped, after
 
     def _joint_target(self, action: Tensor) -> Tensor:
-        return self._target_of_zero_action() + self.action_scale * action
+        def coming() -> ReferenceFrame:
+            return self.reference.frame(self._frame_index() + 1)
 
-    def _target_of_zero_action(self) -> Tensor:
-        """What an action is relative to, rad: [23], or [num_envs, 23] where robots differ."""
-        match self.settings.action:
-            case "current_pose":
-                return self.state.qpos[:, 7:]
-            case "reference_pose":
-                return self._coming_reference().qpos[:, 7:]
-            case "reference_motion":
-                # With a target that is ahead by velocity * kd / kp, the PD control damps only what
-                # differs from the reference's velocity.
-                coming = self._coming_reference()
-                return coming.qpos[:, 7:] + self.damping_time_s * coming.qvel[:, 6:]
-            case _:
-                return self.default_joint_pos
-
-    def _coming_reference(self) -> ReferenceFrame:
-        """The reference that this step is to reach, with which its end is compared."""
-        return self.reference.frame(self._frame_index() + 1)
+        return self.joint_targets(action, self.state.qpos[:, 7:], coming)
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
@@ -200,51 +197,32 @@ class TrackingEnv(EnvBase):
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
 
-    def _phase(self, frame_index: Tensor) -> Tensor:
-        """Phase of the motion within [0, 1], [n, 1] (Eq. 4 of the paper)."""
-        return (frame_index / (self.reference.num_frames - 1))[:, None]
-
-    def _observe(self, instant: Instant, action: Tensor, frame_index: Tensor) -> None:
-        if self.settings.observation == "history":
-            frame = observations.proprioception(instant, action, self.default_joint_pos)
-            phase = self._phase(frame_index)
-            self.observed = observations.next_history(frame, self.observed, phase)
-        else:
-            self.observed = observations.reference_observation(
-                instant, action, self.default_joint_pos
-            )
-        self.privileged = observations.privileged_observation(instant)
+    def _observe(
+        self, instant: Instant, action: Tensor, frame_index: Tensor, before: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """What actor and critic see; ``before`` is what the actor saw a step ago, if it did."""
+        default, kind = self.joint_targets.default_pos, self.settings.observation
+        # Of the motion, within [0, 1] (Eq. 4 of the paper).
+        phase = (frame_index / (self.reference.num_frames - 1))[:, None]
+        seen = observations.actor_observation(kind, instant, action, default, phase, before)
+        return seen, observations.privileged_observation(instant)
 
     # --- resetting ---------------------------------------------------------------------------
 
     def _reset(self, tensordict: TensorDictBase | None, **_: object) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
-        if self._resume_pending and mask is None:
-            self._resume_pending = False
+        if self._resumes and mask is None:
+            self._resumes = False
         else:
             everyone = torch.arange(self.batch_size[0], device=self.device)
             self._start_episodes(everyone if mask is None else everyone[mask.flatten()])
         return self._reset_output()
 
-    def start_at(self, frames: Sequence[int]) -> None:
-        """From now on every episode of robot i starts in frame ``frames[i]`` of the motion.
-
-        Raises:
-            ValueError: not one frame for each robot, or no episode can start there.
-        """
-        allowed = self.starts.num_starts
-        if len(frames) != self.batch_size[0] or not all(0 <= frame < allowed for frame in frames):
-            raise ValueError(
-                f"start frames are {list(frames)}; needed are {self.batch_size[0]}, one for each "
-                f"robot, from 0 to {allowed - 1}"
-            )
-        self._frames = torch.tensor(frames, dtype=torch.int64, device=self.device)
-
     def _start_episodes(self, env_ids: Tensor) -> None:
-        if self._frames is None:
+        if self._start_frames is None:
             start = self.starts.draw(len(env_ids), self.generator)
         else:
-            start = self._frames.index_select(0, env_ids)
+            start = self._start_frames.index_select(0, env_ids)
         reference = self.reference.frame(start)
         qpos, qvel = perturb(
             reference.qpos,
@@ -265,12 +243,7 @@ class TrackingEnv(EnvBase):
         frame_index = self._frame_index().index_select(0, env_ids)
         instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
         action = self.previous_action.index_select(0, env_ids)
-        if self.settings.observation == "history":
-            frame = observations.proprioception(instant, action, self.default_joint_pos)
-            observed = observations.first_history(frame, self._phase(frame_index))
-        else:
-            observed = observations.reference_observation(instant, action, self.default_joint_pos)
-        privileged = observations.privileged_observation(instant)
+        observed, privileged = self._observe(instant, action, frame_index)
         self.observed = self.observed.index_copy(0, env_ids, observed)
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
 
@@ -293,7 +266,7 @@ class TrackingEnv(EnvBase):
     _BUFFERS = ("start_frame", "episode_step", "previous_action", "observed", "privileged")
 
     def simulation_state(self) -> dict[str, object]:
-        """All that is needed to go on bit for bit, between two steps."""
+        """All that is needed to go on bit for bit, between two steps: a new one's ``saved``."""
         return {
             "physics": self.physics.state_dict(),
             "generator": self.generator.get_state(),
@@ -302,11 +275,7 @@ class TrackingEnv(EnvBase):
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
-    def restore_simulation(self, saved: Mapping[str, Any]) -> None:
-        """Continue from ``simulation_state()``: the next full reset starts no new episode.
-
-        A collector begins with a reset; after a restoration that one hands back the saved state.
-        """
+    def _restore(self, saved: Mapping[str, Any]) -> None:
         self.physics.load_state_dict(saved["physics"])
         self.state = self.physics.state()
         self.generator.set_state(saved["generator"])
@@ -315,17 +284,16 @@ class TrackingEnv(EnvBase):
             self.starts.load_state_dict(saved["starts"])
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))
-        self._resume_pending = True
 
 
 def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:
     rate_hz = 1.0 / control_dt_s
     if abs(reference.fps - rate_hz) > 1e-6:
-        raise ValueError(
+        raise UserError(
             f"the motion has {reference.fps:g} frames a second, the control rate is "
             f"{rate_hz:g} Hz: resample the clip first"
         )
     if reference.num_frames < lead + 2:
-        raise ValueError(
+        raise UserError(
             f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}"
         )

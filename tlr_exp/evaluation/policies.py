@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tlr_exp.assembly.environment import build_clip, build_evaluation_env, build_robot_of
+from tlr_exp.assembly.environment import build_evaluation_env
 from tlr_exp.assembly.split import build_judged_split
+from tlr_exp.assembly.terms import terms_of_evaluation
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy
@@ -34,16 +36,20 @@ def evaluate(choice: Choice) -> Evaluation:
         ValueError: as ``load_policy``; the motion cannot be read.
     """
     env, policy = prepare(choice)
-    return Evaluation(choice, *evaluate_policy(env, policy, build_judged_split(choice.settings))[0])
+    split = build_judged_split(choice.settings, env.term_names)
+    return Evaluation(choice, *evaluate_policy(env, policy, split)[0])
 
 
 def prepare(choice: Choice, starts: int = 1) -> tuple[TrackingEnv, Any]:
     """The environment to roll out in, with a robot for each start phase, and the policy.
+
+    It reports every lower-layer term of the paper, also those that the run's reward has not.
 
     Raises:
         ValueError: as ``evaluate``; the motion is too short for so many starts.
     """
     robot = build_robot_of(choice.settings.env)
     clip = build_clip(choice.settings.env, robot)
-    env = build_evaluation_env(choice.settings, robot, clip, starts, key="--starts")
+    terms = terms_of_evaluation(choice.settings)
+    env = build_evaluation_env(choice.settings, robot, clip, terms, starts, key="--starts")
     return env, load_policy(choice)

@@ -43,7 +43,7 @@ def rollout(
     with deterministic, one_torch_thread(env.device.type):
         now = env.reset()
         starts = env.start_frame.tolist()
-        available = env.reference.num_frames - 1 - env.settings.reference_lead
+        available = env.starts.num_starts  # steps from frame 0: of the last start there is one
         lengths = [min(num_steps or available, available - start) for start in starts]
         for _ in range(max(lengths)):
             stepped = env.step(policy(now))

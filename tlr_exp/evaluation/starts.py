@@ -38,7 +38,7 @@ def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start
     """
     env, policy = prepare(choice, starts)
     last = env.reference.num_frames - 1
-    measured = evaluate_policy(env, policy, build_judged_split(choice.settings))
+    measured = evaluate_policy(env, policy, build_judged_split(choice.settings, env.term_names))
     frames = env.start_frame.tolist()
     each = [
         Start(frame, frame / last, result)

@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-from tlr_exp.assembly.environment import build_clip, build_robot_of
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.export.small_clip import small_clip
 from tlr_exp.keys import EVAL_PREFIX, ITERATION

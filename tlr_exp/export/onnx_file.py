@@ -23,7 +23,7 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 from torchrl.modules import MLP
 
-from tlr_exp.assembly.environment import build_clip, build_robot_of
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.settings import RobotSettings
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.export.observation_layout import observation_layout

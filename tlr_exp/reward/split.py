@@ -5,12 +5,12 @@ control step, weight) happens here, after the collection.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import torch
 from torch import Tensor
 
-from tlr_exp import keys
+from tlr_exp.errors import UserError
 
 
 class RewardSplit:
@@ -27,16 +27,18 @@ class RewardSplit:
         goal: coefficient of each goal term, per second. At least one term.
         optimizing: coefficient of each optimizing term, per second. May be empty.
         control_dt_s: duration of one control step, seconds.
+        term_names: the terms that are recorded, in the order of the last axis of the raw values;
+            those of both groups, wherever they stand, and any others, which bring nothing.
 
     Attributes:
-        term_names: goal terms, then optimizing terms: the last axis of the raw reward terms.
+        term_names: as given.
         goal_names: the goal terms, in the order given.
         optimizing_names: the optimizing terms, in the order given: the axis of the weights.
         control_dt_s: duration of one control step, seconds.
 
     Raises:
-        ValueError: an unknown term, a term in both groups, no goal term, a coefficient that is
-            not a finite number, or a control step that is not positive.
+        UserError: a term that is not recorded, a term in both groups, no goal term, a coefficient
+            that is not a finite number, or a control step that is not positive.
     """
 
     def __init__(
@@ -44,28 +46,32 @@ class RewardSplit:
         goal: Mapping[str, float],
         optimizing: Mapping[str, float],
         control_dt_s: float,
+        term_names: Iterable[str],
     ) -> None:
-        goal_coefficients = _checked_group("goal", goal)
-        optimizing_coefficients = _checked_group("optimizing", optimizing)
+        self.term_names = tuple(term_names)
+        goal_coefficients = _checked_group("goal", goal, self.term_names)
+        optimizing_coefficients = _checked_group("optimizing", optimizing, self.term_names)
         if not goal_coefficients:
-            raise ValueError(
+            raise UserError(
                 "reward group 'goal' is empty: it needs at least one term, because trajectories "
-                f"are ranked by the goal reward. Available terms: {list(keys.TERM_NAMES)}"
+                f"are ranked by the goal reward. Recorded terms: {list(self.term_names)}"
             )
         shared = [name for name in goal_coefficients if name in optimizing_coefficients]
         if shared:
-            raise ValueError(
+            raise UserError(
                 f"reward terms {shared} are in both groups: remove each from 'goal' or from "
                 "'optimizing'"
             )
         self.control_dt_s = _finite_number("control_dt_s", control_dt_s)
         if self.control_dt_s <= 0.0:
-            raise ValueError(f"control_dt_s must be positive seconds, got {control_dt_s!r}")
+            raise UserError(f"control_dt_s must be positive seconds, got {control_dt_s!r}")
 
         self.goal_names: tuple[str, ...] = tuple(goal_coefficients)
         self.optimizing_names: tuple[str, ...] = tuple(optimizing_coefficients)
-        self.term_names: tuple[str, ...] = self.goal_names + self.optimizing_names
-        values = [*goal_coefficients.values(), *optimizing_coefficients.values()]
+        self._goal = [self.term_names.index(name) for name in self.goal_names]
+        self._optimizing = [self.term_names.index(name) for name in self.optimizing_names]
+        coefficients = goal_coefficients | optimizing_coefficients
+        values = [coefficients.get(name, 0.0) for name in self.term_names]
         # Multiplied in double precision once, so that every dtype gets the nearest product.
         self._coefficients = torch.tensor(values, dtype=torch.float64) * self.control_dt_s
         self._cache: dict[tuple[torch.device, torch.dtype], Tensor] = {}
@@ -86,8 +92,7 @@ class RewardSplit:
         """
         self._check_reward_terms(reward_terms)
         per_term = reward_terms.sum(dim=1) * self._coefficients_like(reward_terms)
-        num_goal = len(self.goal_names)
-        return per_term[:, :num_goal].sum(dim=1), per_term[:, num_goal:]
+        return per_term[:, self._goal].sum(dim=1), per_term[:, self._optimizing]
 
     def compose(self, reward_terms: Tensor, weights: Tensor) -> Tensor:
         """The reward of every step at the given weights.
@@ -111,21 +116,21 @@ class RewardSplit:
                 f"for each optimizing term {list(self.optimizing_names)}"
             )
         scale = self._coefficients_like(reward_terms).clone()
-        scale[len(self.goal_names) :] *= weights.to(reward_terms)
+        scale[self._optimizing] *= weights.to(reward_terms)
         return (reward_terms * scale).sum(dim=-1, keepdim=True)
 
     def layers(self, mean_terms: Mapping[str, float]) -> tuple[float, float]:
         """What a second with these raw terms brings, layer by layer, at weights 1.
 
         Args:
-            mean_terms: raw value of each term by name, of this split's terms at least.
+            mean_terms: raw value of each term by name, of both layers' terms at least.
 
         Returns:
             the goal reward, and the cost of the lower layer: what it takes from that.
         """
-        shares = {name: value * mean_terms[name] for name, value in self._per_second().items()}
-        goal = sum(shares[name] for name in self.goal_names)
-        cost = -sum(shares[name] for name in self.optimizing_names)
+        per_second = self._per_second()
+        goal = sum(per_second[name] * mean_terms[name] for name in self.goal_names)
+        cost = -sum(per_second[name] * mean_terms[name] for name in self.optimizing_names)
         return float(goal), float(cost)
 
     def goal_share(self, mean_terms: Mapping[str, float]) -> float:
@@ -137,7 +142,7 @@ class RewardSplit:
         return self.layers(mean_terms)[0] / self.layers(perfect)[0]
 
     def _per_second(self) -> dict[str, float]:
-        """The coefficient of each term."""
+        """The coefficient of each recorded term."""
         coefficients = (self._coefficients / self.control_dt_s).tolist()
         return dict(zip(self.term_names, coefficients, strict=True))
 
@@ -159,13 +164,15 @@ class RewardSplit:
             raise ValueError(f"reward_terms must be floating point, got {reward_terms.dtype}")
 
 
-def _checked_group(group: str, coefficients: Mapping[str, float]) -> dict[str, float]:
-    """The group as a plain dict of floats; unknown names and bad numbers are refused."""
-    unknown = [name for name in coefficients if name not in keys.TERM_NAMES]
-    if unknown:
-        raise ValueError(
-            f"unknown reward terms {unknown} in group '{group}'. "
-            f"Available terms: {list(keys.TERM_NAMES)}"
+def _checked_group(
+    group: str, coefficients: Mapping[str, float], term_names: tuple[str, ...]
+) -> dict[str, float]:
+    """The group as a plain dict of floats; terms without values and bad numbers are refused."""
+    missing = [name for name in coefficients if name not in term_names]
+    if missing:
+        raise UserError(
+            f"nothing records the reward terms {missing} of group '{group}'. "
+            f"Recorded terms: {list(term_names)}"
         )
     return {
         str(name): _finite_number(f"coefficient {group}.{name}", value)
@@ -175,5 +182,5 @@ def _checked_group(group: str, coefficients: Mapping[str, float]) -> dict[str, f
 
 def _finite_number(what: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{what} must be a finite number, got {value!r}")
+        raise UserError(f"{what} must be a finite number, got {value!r}")
     return float(value)

@@ -88,7 +88,7 @@ def train_job(
     spec = with_threads(read_spec(sweep.path, num), threads)
     _name_the_command(sweep.job(num).overrides)
     settings = load_settings(spec.config)
-    check_inputs(settings)
+    parts = check_inputs(settings)
     if again is not None and not spec.go_on:
         run = RunDirectory.open(sweep.study_folder / again)
     else:
@@ -102,7 +102,7 @@ def train_job(
         _note(sweep, num, run, RUNNING)
         try:
             # Into MLflow it comes with the whole sweep, by one process.
-            return train_in(run, settings, None).status
+            return train_in(run, settings, parts, None).status
         except KeyboardInterrupt:
             # It can come when all is done and written.
             return run.status

@@ -168,13 +168,14 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
 
 
 def _mistake(
-    part: dict[str, Any], check: Callable[[], None], checked: dict[str, Exception | None]
+    part: dict[str, Any], check: Callable[[], object], checked: dict[str, Exception | None]
 ) -> Exception | None:
     """What is wrong with this part of a configuration; jobs that share it have it checked once."""
     key = json.dumps(part, sort_keys=True)
     if key not in checked:
         try:
-            checked[key] = check()
+            check()
+            checked[key] = None
         except ConfigError as error:
             checked[key] = error
     return checked[key]

@@ -1,4 +1,4 @@
-"""The iteration of a run and what it needs besides environment and learner, from settings."""
+"""The iteration of a run, and the collector that feeds it."""
 
 from collections.abc import Callable
 
@@ -6,25 +6,27 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 
-from tlr_exp.assembly.seeds import Seeds
 from tlr_exp.assembly.split import build_split
-from tlr_exp.config.components import instantiate
 from tlr_exp.config.settings import Settings
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.machine.cores import one_torch_thread
+from tlr_exp.optimizer.protocol import WeightOptimizer
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import Objective
-from tlr_exp.reward.split import RewardSplit
 from tlr_exp.training.iteration import Trainer
 
 
-def build_trainer(settings: Settings, env: TrackingEnv, ppo: Ppo) -> Trainer:
-    """The training iteration over ``env``; starts (or after a restoration resumes) its episodes."""
-    split = build_split(settings)
+def build_trainer(
+    settings: Settings,
+    env: TrackingEnv,
+    ppo: Ppo,
+    objective: Objective,
+    weight_optimizer: WeightOptimizer,
+) -> Trainer:
+    """The training iteration over ``env``; starts its episodes, or goes on with saved ones."""
+    split = build_split(settings, env.term_names)
     collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
-    objective = instantiate("reward.objective", settings.reward.objective)
-    weight_optimizer = build_weight_optimizer(settings, split, objective)
     box_sample = BoxSample(len(split.optimizing_names), objective)
     return Trainer(collect, split, weight_optimizer, box_sample, ppo, settings.scale.num_envs)
 
@@ -56,15 +58,3 @@ def build_collect(
             return next(batches).copy()
 
     return collect
-
-
-def build_weight_optimizer(settings: Settings, split: RewardSplit, objective: Objective):
-    """The lower layer's optimizer; it works on the CPU, where its small tensors are fastest."""
-    return instantiate(
-        "optimizer",
-        settings.optimizer,
-        num_terms=len(split.optimizing_names),
-        objective=objective,
-        seed=Seeds.of(settings.seed).weights,
-        device="cpu",
-    )

@@ -5,16 +5,14 @@ What `env.motion` names may be edited or moved later, and the code that builds c
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import storage_errors, sync_file, sync_folder
 
 
-def kept_motion(run: RunDirectory, build: Callable[[], MotionClip]) -> MotionClip:
-    """The clip that the run keeps; where it keeps none, what `build` makes, which is kept then.
+def kept_motion(run: RunDirectory, clip: MotionClip) -> MotionClip:
+    """The clip that the run keeps; where it keeps none, `clip`, which is kept then.
 
     Raises:
         ValueError: the file that is there is no clip.
@@ -23,7 +21,6 @@ def kept_motion(run: RunDirectory, build: Callable[[], MotionClip]) -> MotionCli
     path = run.motion_path
     if path.exists():
         return MotionClip.load(path)
-    clip = build()
     with storage_errors(f"cannot write {path}", ELSEWHERE):
         clip.save(path)
         sync_file(path)

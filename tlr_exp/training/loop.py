@@ -16,9 +16,11 @@ import numpy as np
 import torch
 
 from tlr_exp import keys
-from tlr_exp.assembly.environment import build_clip, build_env, build_evaluation_env, build_robot_of
+from tlr_exp.assembly.environment import build_env, build_evaluation_env
 from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.assembly.parts import Parts
 from tlr_exp.assembly.split import build_judged_split
+from tlr_exp.assembly.terms import terms_of_evaluation, terms_of_training
 from tlr_exp.config.settings import Settings
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy, mean_metrics
@@ -58,6 +60,7 @@ class Training:
     Args:
         settings: the checked configuration.
         run: the run directory, locked by the caller.
+        parts: what the check of the configuration has built.
 
     Raises:
         CheckpointError: there are checkpoints, and none can be read; or what a new run begins with
@@ -65,7 +68,7 @@ class Training:
         ConfigError: a part refuses its settings, or the device is not there.
     """
 
-    def __init__(self, settings: Settings, run: RunDirectory) -> None:
+    def __init__(self, settings: Settings, run: RunDirectory, parts: Parts) -> None:
         self.settings, self.run = settings, run
         # Always, so that no job of a sweep inherits another's.
         torch.set_num_threads(settings.num_threads or available_cores())
@@ -74,20 +77,19 @@ class Training:
             found["device_name"] = torch.cuda.get_device_name(settings.device)
         run.set_status(RUNNING, **found)
         self.store = checkpoint_store(settings, run)
-        robot = build_robot_of(settings.env)
-        clip = kept_motion(run, lambda: build_clip(settings.env, robot))
-        self.env = build_env(settings, robot, clip)
-        starts = settings.scale.evaluate_starts
-        self.evaluation_env = build_evaluation_env(settings, robot, clip, starts)
-        self.judged_split = build_judged_split(settings)
-        ppo = build_ppo(settings)
         # To the CPU, where generator states must be; each part takes the rest to its own device.
         saved = self.store.latest_valid("cpu")
-        if saved is not None:
-            self.env.restore_simulation(saved.state["simulation"])
-        elif settings.init_from is not None:
+        robot, clip = parts.robot, kept_motion(run, parts.clip)
+        simulation = None if saved is None else saved.state["simulation"]
+        self.env = build_env(settings, robot, clip, terms_of_training(settings), simulation)
+        starts, terms = settings.scale.evaluate_starts, terms_of_evaluation(settings)
+        self.evaluation_env = build_evaluation_env(settings, robot, clip, terms, starts)
+        self.judged_split = build_judged_split(settings, self.evaluation_env.term_names)
+        ppo = build_ppo(settings)
+        if saved is None and settings.init_from is not None:
             print(begin_with(ppo, Path(settings.init_from)), flush=True)
-        self.trainer = build_trainer(settings, self.env, ppo)
+        lower_layer = (parts.objective, parts.weight_optimizer)
+        self.trainer = build_trainer(settings, self.env, ppo, *lower_layer)
         if saved is not None:
             self.trainer.load_state_dict(saved.state["trainer"])
         self.done = 0 if saved is None else saved.iteration

@@ -7,7 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tlr_exp.config.components import check_component, instantiate
+from tlr_exp.assembly.parts import Parts
+from tlr_exp.config.components import check_component
 from tlr_exp.config.identity import run_identity
 from tlr_exp.config.input_files import file_hashes
 from tlr_exp.config.limits import check_starts
@@ -25,9 +26,12 @@ from tlr_exp.records.extending import complete_extension
 from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
-from tlr_exp.robot.g1 import CONTROL_DT_S
 
 if TYPE_CHECKING:
+    from tlr_exp.motion.clip import MotionClip
+    from tlr_exp.optimizer.protocol import WeightOptimizer
+    from tlr_exp.reward.objectives import Objective
+    from tlr_exp.robot.model import Robot
     from tlr_exp.training.loop import Outcome
 
 
@@ -50,19 +54,20 @@ def tracking_uri(settings: Settings) -> str | None:
         raise ConfigError(f"tracking_uri: {error}") from error
 
 
-def check_inputs(settings: Settings) -> None:
-    """Try what the configuration names, before a run directory is made.
+def check_inputs(settings: Settings) -> Parts:
+    """Try what the configuration names, before a run directory is made; what was built thereby.
 
     Raises:
         ConfigError: see `check_world`, `check_lower_layer` and `check_beginning`.
     """
-    check_world(settings)
-    check_lower_layer(settings)
+    robot, clip = check_world(settings)
+    objective, weight_optimizer = check_lower_layer(settings)
     check_beginning(settings)
+    return Parts(robot, clip, objective, weight_optimizer)
 
 
-def check_world(settings: Settings, device: bool = True) -> None:
-    """Read the model and the motion, look at the engine's settings, and for the device.
+def check_world(settings: Settings, device: bool = True) -> tuple[Robot, MotionClip]:
+    """The model and the motion, read; and look at the engine's settings, and for the device.
 
     Without ``device`` that is left out, for a machine that only hands work to others.
 
@@ -70,14 +75,11 @@ def check_world(settings: Settings, device: bool = True) -> None:
         ConfigError: a model that is not a G1, a motion that cannot be, an engine that refuses its
             settings, or a device that is away.
     """
-    from tlr_exp.motion.authoring.keyframes import load_motion
-    from tlr_exp.motion.clip import resample
-    from tlr_exp.robot.model import build_robot
+    from tlr_exp.assembly.world import build_clip, build_robot_of, num_starts
 
-    robot = settings.env.robot
     try:
-        model = build_robot(robot.mjcf, robot.gains, robot.collisions)
-        clip = resample(load_motion(settings.env.motion, model), 1.0 / CONTROL_DT_S, model)
+        robot = build_robot_of(settings.env)
+        clip = build_clip(settings.env, robot)
     except ValueError as error:
         raise ConfigError(str(error)) from error
     if settings.env.reference_lead + 2 > clip.num_frames:
@@ -87,20 +89,21 @@ def check_world(settings: Settings, device: bool = True) -> None:
             f"{settings.env.reference_lead + 2} are needed"
         )
     try:
-        num_steps = clip.num_frames - 1 - settings.env.reference_lead
-        check_starts("scale.evaluate_starts", settings.scale.evaluate_starts, num_steps)
+        starts = settings.scale.evaluate_starts
+        check_starts("scale.evaluate_starts", starts, num_starts(settings.env, clip))
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    places = {"robot": model, "num_envs": settings.scale.num_envs, "device": settings.device}
+    places = {"robot": robot, "num_envs": settings.scale.num_envs, "device": settings.device}
     check_component("physics", settings.physics, **places)
     if device and settings.device != "cpu":
         from tlr_exp.assembly.learner import check_device
 
         check_device(settings.device)
+    return robot, clip
 
 
-def check_lower_layer(settings: Settings) -> None:
-    """Build the objective and the weight optimizer, which check their settings themselves.
+def check_lower_layer(settings: Settings) -> tuple[Objective, WeightOptimizer]:
+    """The objective and the weight optimizer, which check their settings themselves.
 
     The objective is tried on returns of as many trajectories as an iteration has.
 
@@ -109,14 +112,15 @@ def check_lower_layer(settings: Settings) -> None:
     """
     import torch
 
-    objective = instantiate("reward.objective", settings.reward.objective)
+    from tlr_exp.assembly.lower_layer import build_lower_layer
+
+    objective, weight_optimizer = build_lower_layer(settings)
     num_envs, num_terms = settings.scale.num_envs, len(settings.reward.optimizing)
-    places = {"num_terms": num_terms, "objective": objective, "seed": 0, "device": "cpu"}
-    instantiate("optimizer", settings.optimizer, **places)
     try:
         objective.prepare(torch.arange(num_envs) / num_envs, torch.zeros(num_envs, num_terms))
     except ValueError as error:
         raise ConfigError(f"reward.objective: {error}") from error
+    return objective, weight_optimizer
 
 
 def check_beginning(settings: Settings) -> None:
@@ -163,8 +167,11 @@ def open_run(
     return create()
 
 
-def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
-    """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at."""
+def train_in(run: RunDirectory, settings: Settings, parts: Parts, uri: str | None) -> Outcome:
+    """Train in ``run``, mirrored to MLflow, and say at the end what there is to look at.
+
+    ``parts`` are what `check_inputs` has built.
+    """
     print(f"{run.path.name}: {settings.scale.evidence}", flush=True)
     run.set_status(RUNNING)
     complete_extension(run)
@@ -173,7 +180,7 @@ def train_in(run: RunDirectory, settings: Settings, uri: str | None) -> Outcome:
         # Loads PyTorch, TorchRL and MuJoCo, which takes seconds: after all that can be checked.
         from tlr_exp.training.loop import Training
 
-        training = Training(settings, run)
+        training = Training(settings, run, parts)
         outcome = training.train()
     except BaseException as error:
         # A full disk must not hide what went wrong first.

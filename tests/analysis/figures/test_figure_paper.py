@@ -6,15 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_values import flat_study, line_of, texts_of, with_values, without
+from studies import TERMS as LAYER_OF_PAPER
 from studies import make_study
 
 from analysis.figures.drawing import NotDrawnError
 from analysis.figures.improvement import figure_8
 from analysis.figures.overhead import figure_15
-from analysis.figures.reward_terms import FORMULAS, table_1
+from analysis.figures.reward_terms import table_1
 from analysis.figures.tracking import figure_6, figure_7, figure_13
 from analysis.figures.weights import figure_14
 from tlr_exp import keys
+from tlr_exp.env.terms import TERMS
 
 STATIC, LAYERED = "static", "two-layered (GWO)"
 UPPER, LOWER = keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR
@@ -200,9 +202,13 @@ def test_table_1_names_arms_that_differ():
     ]
 
 
-def test_table_1_has_a_formula_for_every_penalty():
-    goal = {name for name, constants in keys.TERM_PARAMETERS.items() if "sigma" in constants}
-    assert set(FORMULAS) == set(keys.TERM_NAMES) - goal
+def test_table_1_has_a_formula_and_a_unit_for_every_term_and_none_for_one_it_does_not_know():
+    layer = {"optimizing": dict.fromkeys((*TERMS, "of_another_version"), -1.0)}
+    *known, unknown = table_1(configured(flat_study(), {"fixed": layer, "gwo": layer}))
+    assert all(row.formula and row.unit for row in known)
+    assert (unknown.formula, unknown.unit, unknown.in_paper) == ("", "", False)
+    in_paper = {row.name for row in known if row.in_paper}
+    assert in_paper == {*LAYER_OF_PAPER, "torque_limits"}
 
 
 def test_table_1_without_a_lower_layer():

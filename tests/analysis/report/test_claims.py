@@ -16,7 +16,7 @@ from analysis.statistics.nulls import ar1_curves
 from tlr_exp import keys
 
 UPPER = "Upper-body tracking error falls against the static reward, averaged over training."
-NEAR_ONE = (keys.ANG_VEL_XY, keys.LIN_VEL_Z, keys.DOF_POS_LIMITS, keys.DOF_VEL_LIMITS)
+NEAR_ONE = ("ang_vel_xy", "lin_vel_z", "dof_pos_limits", "dof_vel_limits")
 SEARCH = "The weight search costs little of an iteration."
 
 
@@ -160,7 +160,7 @@ def test_final_weights_are_compared_with_the_papers() -> None:
     """Weights that end at 0.92 with a little scatter agree with 0.92, those at 0.2 do not."""
     statement = "The weight of dof_pos_limits ends high."
     for value, verdict in ((0.92, Verdict.REPRODUCED), (0.2, Verdict.NOT_REPRODUCED)):
-        curves = {keys.WEIGHT_PREFIX + keys.DOF_POS_LIMITS: level(value)}
+        curves = {keys.WEIGHT_PREFIX + "dof_pos_limits": level(value)}
         generator = np.random.default_rng(1)
         study = make_study(generator, {"fixed": {}, "gwo": curves}, noise=0.01, seed_spread=0.01)
         assert judge(at_paper_size(study), statement)[1].verdict is verdict
@@ -173,7 +173,7 @@ def test_runs_that_agree_with_everything_reproduce_nothing() -> None:
     0.5 + 1.20, so it may be 0.92 as well as 0.5.
     """
     study = study_with(0.0)
-    weight = keys.WEIGHT_PREFIX + keys.DOF_POS_LIMITS
+    weight = keys.WEIGHT_PREFIX + "dof_pos_limits"
     curves = study.curves.copy()
     curves.loc[curves["arm"] == "gwo", weight] = curves["seed"] / 4
     study = at_paper_size(dataclasses.replace(study, curves=curves))
@@ -228,7 +228,7 @@ def test_curves_that_are_all_the_same_have_no_p_value() -> None:
 
 def test_terms_that_are_not_in_use_are_named() -> None:
     study = study_with(0.0)
-    curves = study.curves.drop(columns=keys.WEIGHT_PREFIX + keys.DOF_POS_LIMITS)
+    curves = study.curves.drop(columns=keys.WEIGHT_PREFIX + "dof_pos_limits")
     _, finding = judge(
         dataclasses.replace(study, curves=curves), "The weight of dof_pos_limits ends high."
     )

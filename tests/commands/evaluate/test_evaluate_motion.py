@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from tlr_exp.assembly.environment import build_clip
 from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.assembly.world import build_clip
 from tlr_exp.commands import evaluate
 from tlr_exp.commands.evaluate.comparing import title_of
 from tlr_exp.motion.clip import MotionClip

@@ -15,7 +15,7 @@ from tlr_exp.reward.split import RewardSplit
 
 
 def result(survival: float, latency_ms: float | None) -> EvaluationResult:
-    split = RewardSplit({"body_pos": 1.0}, {}, 0.02)
+    split = RewardSplit({"body_pos": 1.0}, {}, 0.02, ["body_pos"])
     made = evaluate_trajectory(still_trajectory(), 0.8, 0.3, split)
     return dataclasses.replace(made, survival=survival, latency_ms=latency_ms)
 

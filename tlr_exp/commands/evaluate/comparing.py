@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tlr_exp.assembly.environment import build_clip, build_robot_of
+from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.commands.evaluate.strip_rows import picture_size, row_of
 from tlr_exp.evaluation.choosing import Choice, choose
 from tlr_exp.evaluation.policies import evaluate

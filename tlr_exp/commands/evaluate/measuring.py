@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tlr_exp.assembly.environment import build_robot_of
+from tlr_exp.assembly.world import build_robot_of
 from tlr_exp.commands.evaluate.result_table import result_table
 from tlr_exp.commands.evaluate.strip_rows import row_of
 from tlr_exp.evaluation.choosing import choose

@@ -19,7 +19,7 @@ def watch(options: argparse.Namespace) -> None:
 
     from rich.console import Console
 
-    from tlr_exp.assembly.environment import build_robot_of
+    from tlr_exp.assembly.world import build_robot_of
     from tlr_exp.commands.evaluate.result_table import result_table
     from tlr_exp.evaluation.policies import evaluate
     from tlr_exp.viewing.recording import recording_of_trajectory
