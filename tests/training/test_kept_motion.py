@@ -10,6 +10,7 @@ from tlr_exp.config.input_files import motion_content
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import StorageError
+from tlr_exp.robot.g1 import G1
 from tlr_exp.training.kept_motion import kept_motion
 from tlr_exp.training.loop import Training
 from tlr_exp.training.run import open_run
@@ -32,7 +33,7 @@ def test_what_is_kept_is_the_clip_to_the_bit_and_built_once(run, short_clip):
         built.append(None)
         return short_clip
 
-    first, second = kept_motion(run, build), kept_motion(run, build)
+    first, second = kept_motion(run, G1, build), kept_motion(run, G1, build)
     assert len(built) == 1
     assert len(arrays(short_clip)) == 6
     for name, array in arrays(short_clip).items():
@@ -48,13 +49,13 @@ def test_a_folder_that_cannot_be_written_is_named(run, short_clip, monkeypatch):
 
     monkeypatch.setattr(MotionClip, "save", full)
     with pytest.raises(StorageError, match=r"cannot write .*run/motion\.npz: No space left"):
-        kept_motion(run, lambda: short_clip)
+        kept_motion(run, G1, lambda: short_clip)
 
 
 def test_a_training_keeps_its_motion_and_goes_on_with_it(run, settings_of, short_clip, tmp_path):
     settings = settings_of("scale.num_envs=16", "ppo.hidden_sizes=[16]")
     assert Training(settings, run).env.reference.num_frames == short_clip.num_frames
-    kept = arrays(MotionClip.load(run.motion_path))
+    kept = arrays(MotionClip.load(run.motion_path, G1))
     np.testing.assert_array_equal(kept["qpos"], short_clip.qpos)
     shorter = {name: array[:30] for name, array in kept.items()}
     dataclasses.replace(short_clip, **shorter).save(tmp_path / "edited.npz")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.robot.g1 import COLLISION_SETS, GAIN_SETS
-
+GAIN_SETS = ("beyondmimic", "asap")
+COLLISION_SETS = ("feet", "full")
 OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
 START_PHASES = ("random", "adaptive", "zero")

@@ -11,10 +11,11 @@ from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import storage_errors, sync_file, sync_folder
+from tlr_exp.robot.spec import RobotSpec
 
 
-def kept_motion(run: RunDirectory, build: Callable[[], MotionClip]) -> MotionClip:
-    """The clip that the run keeps; where it keeps none, what `build` makes, which is kept then.
+def kept_motion(run: RunDirectory, spec: RobotSpec, build: Callable[[], MotionClip]) -> MotionClip:
+    """The clip of that robot that the run keeps; where there is none, what `build` makes is kept.
 
     Raises:
         ValueError: the file that is there is no clip.
@@ -22,7 +23,7 @@ def kept_motion(run: RunDirectory, build: Callable[[], MotionClip]) -> MotionCli
     """
     path = run.motion_path
     if path.exists():
-        return MotionClip.load(path)
+        return MotionClip.load(path, spec)
     clip = build()
     with storage_errors(f"cannot write {path}", ELSEWHERE):
         clip.save(path)

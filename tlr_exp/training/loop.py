@@ -85,7 +85,7 @@ class Training:
         run.set_status(RUNNING, **found)
         self.store = checkpoint_store(settings, run)
         robot = build_robot_of(settings.env)
-        clip = kept_motion(run, lambda: build_clip(settings.env, robot))
+        clip = kept_motion(run, robot.spec, lambda: build_clip(settings.env, robot))
         self.env = build_env(settings, robot, clip)
         starts = settings.scale.evaluate_starts
         self.evaluation_env = build_evaluation_env(settings, robot, clip, starts)

@@ -32,7 +32,7 @@ from tlr_exp.records.run_directory import (
 )
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
-from tlr_exp.robot.g1 import CONTROL_DT_S
+from tlr_exp.robot.timing import CONTROL_DT_S
 
 if TYPE_CHECKING:
     from tlr_exp.training.loop import Outcome
@@ -83,13 +83,15 @@ def check_world(settings: Settings, device: bool = True) -> None:
     Raises:
         ConfigError: a model that is not a G1, a motion that cannot be, or a device that is away.
     """
+    from tlr_exp.assembly.robot import spec_of
     from tlr_exp.motion.authoring.keyframes import load_motion
     from tlr_exp.motion.clip import resample
     from tlr_exp.robot.model import build_robot
 
     robot = settings.env.robot
     try:
-        model = build_robot(robot.mjcf, robot.gains, robot.collisions)
+        spec = spec_of(settings.env)
+        model = build_robot(robot.mjcf, robot.gains, robot.collisions, spec=spec)
         clip = resample(load_motion(settings.env.motion, model), 1.0 / CONTROL_DT_S, model)
     except ValueError as error:
         raise ConfigError(str(error)) from error
