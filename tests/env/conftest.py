@@ -11,10 +11,10 @@ from tlr_exp.env.instant import Instant
 from tlr_exp.env.terms import JointLimits, Transition
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
-BODIES = len(g1.TRACKED_BODIES)
-JOINTS = g1.NUM_JOINTS
+BODIES = len(G1.tracked_bodies)
+JOINTS = G1.num_joints
 
 
 @pytest.fixture(scope="session")
@@ -71,7 +71,7 @@ def tracking(random_frame, state_on) -> Callable[..., Transition]:
             torch.full((JOINTS,), 50.0),
         )
         return Transition(
-            instant=Instant(state_on(frame), frame),
+            instant=Instant(state_on(frame), frame, G1),
             action=torch.zeros(num_envs, JOINTS),
             previous_action=torch.zeros(num_envs, JOINTS),
             terminated=torch.zeros(num_envs, dtype=torch.bool),
@@ -94,7 +94,7 @@ def unrelated(tracking, random_frame, state_on) -> Callable[..., Transition]:
         step = tracking(num_envs, seed)
         return replace(
             step,
-            instant=Instant(state, step.reference),
+            instant=Instant(state, step.reference, G1),
             action=torch.randn(num_envs, JOINTS, generator=generator),
             previous_action=torch.randn(num_envs, JOINTS, generator=generator),
             terminated=torch.rand(num_envs, generator=generator) < 0.5,

@@ -14,7 +14,7 @@ from tlr_exp.env import terms
 from tlr_exp.env.instant import Instant
 from tlr_exp.env.terms import TERMS
 from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 GOAL_TERMS = (
     *(keys.BODY_POS, keys.BODY_ROT, keys.BODY_VEL, keys.BODY_ANG_VEL),
@@ -30,7 +30,7 @@ def constants_of(name: str) -> dict[str, float]:
 
 def move(step, bodies: tuple[str, ...], by: tuple[float, float, float]) -> None:
     for body in bodies:
-        step.state.body_pos_w[:, g1.TRACKED_BODIES.index(body)] += torch.tensor(by)
+        step.state.body_pos_w[:, G1.tracked_bodies.index(body)] += torch.tensor(by)
 
 
 # --- properties of every term ----------------------------------------------------------------
@@ -73,7 +73,9 @@ def test_environments_do_not_mix(name, unrelated):
     whole = TERMS[name](step, **constants_of(name))
     row = torch.tensor([4])
     alone = terms.Transition(
-        Instant(step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference))),
+        Instant(
+            step.state.at(row), ReferenceFrame(*(field[row] for field in step.reference)), step.spec
+        ),
         step.action[row],
         step.previous_action[row],
         step.terminated[row],

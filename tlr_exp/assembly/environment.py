@@ -4,6 +4,7 @@ import copy
 import dataclasses
 
 from tlr_exp import keys
+from tlr_exp.assembly.robot import spec_of
 from tlr_exp.assembly.seeds import Seeds
 from tlr_exp.assembly.split import build_split
 from tlr_exp.config.load import ConfigError, instantiate
@@ -13,8 +14,8 @@ from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.authoring.keyframes import load_motion
 from tlr_exp.motion.clip import MotionClip, resample
 from tlr_exp.motion.reference import Reference
-from tlr_exp.robot import g1
 from tlr_exp.robot.model import Robot, build_robot
+from tlr_exp.robot.timing import CONTROL_DT_S
 
 LIMIT_MARGIN = 0.1  # epsilon of Table 1, for limit terms that only an evaluation reports
 
@@ -22,13 +23,13 @@ LIMIT_MARGIN = 0.1  # epsilon of Table 1, for limit terms that only an evaluatio
 def build_robot_of(settings: EnvSettings, visuals: bool = False) -> Robot:
     """The robot of a configuration, with meshes where pictures are made of it."""
     robot = settings.robot
-    return build_robot(robot.mjcf, robot.gains, robot.collisions, visuals)
+    return build_robot(robot.mjcf, robot.gains, robot.collisions, visuals, spec_of(settings))
 
 
 def build_clip(settings: EnvSettings, robot: Robot) -> MotionClip:
     """The motion of a configuration at the control rate."""
     clip = load_motion(settings.motion, robot)
-    rate_hz = 1.0 / g1.CONTROL_DT_S
+    rate_hz = 1.0 / CONTROL_DT_S
     return clip if clip.fps == rate_hz else resample(clip, rate_hz, robot)
 
 

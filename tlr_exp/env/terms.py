@@ -17,7 +17,7 @@ from tlr_exp.env.instant import Instant
 from tlr_exp.env.rotations import rotation_angle
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
+from tlr_exp.robot.spec import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,10 @@ class Transition:
     @property
     def reference(self) -> ReferenceFrame:
         return self.instant.reference
+
+    @property
+    def spec(self) -> RobotSpec:
+        return self.instant.spec
 
 
 # --- upper layer: tracking -------------------------------------------------------------------
@@ -91,22 +95,22 @@ def body_ang_vel(step: Transition, sigma: float) -> Tensor:
 
 def upper_body_pos(step: Transition, sigma: float) -> Tensor:
     """As ``body_pos`` over arms, hands and head (ASAP)."""
-    return torch.exp(-_position_error(step, g1.UPPER_BODY) / sigma)
+    return torch.exp(-_position_error(step, step.spec.upper_body) / sigma)
 
 
 def lower_body_pos(step: Transition, sigma: float) -> Tensor:
     """As ``body_pos`` over pelvis, legs and torso (ASAP)."""
-    return torch.exp(-_position_error(step, g1.LOWER_BODY) / sigma)
+    return torch.exp(-_position_error(step, step.spec.lower_body) / sigma)
 
 
 def three_point_pos(step: Transition, sigma: float) -> Tensor:
     """As ``body_pos`` over the hands and the head (ASAP)."""
-    return torch.exp(-_position_error(step, g1.THREE_POINTS) / sigma)
+    return torch.exp(-_position_error(step, step.spec.three_points) / sigma)
 
 
 def feet_pos(step: Transition, sigma: float) -> Tensor:
     """As ``body_pos`` over the two ankle-roll links (ASAP)."""
-    return torch.exp(-_position_error(step, g1.FEET) / sigma)
+    return torch.exp(-_position_error(step, step.spec.feet) / sigma)
 
 
 def joint_pos(step: Transition, sigma: float) -> Tensor:

@@ -27,7 +27,6 @@ from tlr_exp.env.terms import TERMS, JointLimits, Transition
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
 from tlr_exp.robot.model import Robot
 
 
@@ -67,6 +66,7 @@ class TrackingEnv(EnvBase):
         check_choice("env.start_phase", settings.start_phase, START_PHASES)
         _check_motion(reference, physics.control_dt, settings.reference_lead)
         self.physics = physics
+        self.spec = robot.spec
         self.reference = reference
         self.settings = settings
         self.failures = failures
@@ -94,9 +94,12 @@ class TrackingEnv(EnvBase):
     # --- specs and buffers -------------------------------------------------------------------
 
     def _make_specs(self, num_terms: int) -> None:
-        dim = observations.OBSERVATION_DIMS[self.settings.observation]
-        self.observation_spec = specs.observation_spec(self.batch_size, self.device, dim)
-        self.action_spec = specs.action_spec(self.batch_size, self.device)
+        dim = observations.observation_dims(self.spec)[self.settings.observation]
+        privileged_dim = observations.privileged_dim(self.spec)
+        self.observation_spec = specs.observation_spec(
+            self.batch_size, self.device, dim, privileged_dim
+        )
+        self.action_spec = specs.action_spec(self.batch_size, self.device, self.spec.num_joints)
         self.reward_spec = specs.reward_terms_spec(self.batch_size, self.device, num_terms)
         self.done_spec = specs.done_spec(self.batch_size, self.device)
 
@@ -104,11 +107,10 @@ class TrackingEnv(EnvBase):
         n, device = self.batch_size[0], self.device
         self.start_frame = torch.zeros(n, dtype=torch.int64, device=device)
         self.episode_step = torch.zeros(n, dtype=torch.int64, device=device)
-        self.previous_action = torch.zeros(n, g1.NUM_JOINTS, device=device)
-        self.observed = torch.zeros(
-            n, observations.OBSERVATION_DIMS[self.settings.observation], device=device
-        )
-        self.privileged = torch.zeros(n, observations.PRIVILEGED_DIM, device=device)
+        self.previous_action = torch.zeros(n, self.spec.num_joints, device=device)
+        dim = observations.observation_dims(self.spec)[self.settings.observation]
+        self.observed = torch.zeros(n, dim, device=device)
+        self.privileged = torch.zeros(n, observations.privileged_dim(self.spec), device=device)
         self.state: PhysicsState = self.physics.state()
         self._unstable = UnstableStates()
         self._resume_pending = False
@@ -123,7 +125,7 @@ class TrackingEnv(EnvBase):
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
-        instant = Instant(self.state, self.reference.frame(frame_index))
+        instant = Instant(self.state, self.reference.frame(frame_index), self.spec)
         fallen = fell(instant, self.settings.termination.max_tilt)
         terminated = unstable
         if self.failures:
@@ -265,7 +267,7 @@ class TrackingEnv(EnvBase):
 
     def _observe_start(self, env_ids: Tensor) -> None:
         frame_index = self._frame_index().index_select(0, env_ids)
-        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
+        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index), self.spec)
         action = self.previous_action.index_select(0, env_ids)
         if self.settings.observation == "history":
             frame = observations.proprioception(instant, action, self.default_joint_pos)
