@@ -14,7 +14,8 @@ from tlr_exp.assembly.terms import terms_of_training
 from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.load import load_settings
 from tlr_exp.physics.native import NativePhysics
-from tlr_exp.robot.g1 import DECIMATION, NUM_JOINTS
+from tlr_exp.robot.g1 import G1
+from tlr_exp.robot.timing import DECIMATION
 from tlr_exp.training.build import build_collect
 
 NUM_STEPS = 24
@@ -41,7 +42,7 @@ def test_environment_against_bare_physics(num_envs, benchmark):
     env = build_env(settings, robot, clip, terms_of_training(settings))
     bare = NativePhysics(robot, num_envs, num_threads=1)
     generator = torch.Generator().manual_seed(0)
-    action = 0.3 * torch.randn(num_envs, NUM_JOINTS, generator=generator)
+    action = 0.3 * torch.randn(num_envs, G1.num_joints, generator=generator)
     policy = TensorDictModule(lambda _: action, in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION])
     collect = build_collect(env, policy, NUM_STEPS)
     collect()

@@ -10,8 +10,8 @@ import torch
 from mujoco.batch import Batch
 
 from tlr_exp.physics.native import NativePhysics
-from tlr_exp.robot.g1 import DECIMATION
 from tlr_exp.robot.model import build_robot
+from tlr_exp.robot.timing import DECIMATION
 
 ROUNDS = 40
 WANTED_RATIO = 0.9

@@ -29,7 +29,7 @@ from tlr_exp.physics.native import NativePhysics
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import native, web
 from tlr_exp.viewing.recording import Recording
@@ -59,7 +59,7 @@ def short_clip(robot: Robot) -> MotionClip:
     qpos[:, 3], qpos[:, 6] = np.cos(0.05 * time), np.sin(0.05 * time)
     qpos[:, 7:] = robot.default_joint_pos_rad
     for name, amplitude in (("waist_pitch", 0.1), ("left_elbow", 0.4), ("right_elbow", -0.3)):
-        column = 7 + g1.JOINT_NAMES.index(f"{name}_joint")
+        column = 7 + G1.joint_names.index(f"{name}_joint")
         qpos[:, column] += amplitude * np.sin(5 * time)
     return clip_from_qpos(qpos, 50.0, robot)
 

@@ -188,7 +188,7 @@ def performance_profiles(
                 for score in scores
             ]
             rows.append(np.mean(good, axis=0))
-        return np.concatenate(rows)
+        return np.concatenate(rows).astype(np.float64)
 
     low, high = _resampled(pairs, shares, generator, confidence)
     found, size = shares(pairs), at.size

@@ -11,7 +11,7 @@ import pandas as pd
 import yaml
 
 from tlr_exp import keys
-from tlr_exp.robot.g1 import CONTROL_DT_S
+from tlr_exp.robot.timing import CONTROL_DT_S
 
 WINDOW = 20  # iterations over which a value is averaged
 COLUMNS = {

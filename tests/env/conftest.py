@@ -11,10 +11,10 @@ from tlr_exp.env.instant import Instant
 from tlr_exp.env.transition import JointLimits, Transition
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
-BODIES = len(g1.TRACKED_BODIES)
-JOINTS = g1.NUM_JOINTS
+BODIES = len(G1.tracked_bodies)
+JOINTS = G1.num_joints
 
 
 @pytest.fixture(scope="session")
@@ -73,7 +73,7 @@ def tracking(random_frame, state_on) -> Callable[..., Transition]:
             torch.full((JOINTS,), 50.0),
         )
         step = Transition(
-            instant=Instant(state_on(frame)._replace(**of_state), frame),
+            instant=Instant(state_on(frame)._replace(**of_state), frame, G1),
             action=torch.zeros(num_envs, JOINTS),
             previous_action=torch.zeros(num_envs, JOINTS),
             terminated=torch.zeros(num_envs, dtype=torch.bool),

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from tlr_exp.env import observations
 from tlr_exp.env.instant import Instant
 from tlr_exp.physics.state import PhysicsState
+from tlr_exp.robot.g1 import G1
 
 NUM_ENVS = 3
 
@@ -41,9 +42,8 @@ def assert_near(found: torch.Tensor, expected: np.ndarray | torch.Tensor) -> Non
 def test_sizes_are_those_of_the_paper():
     # Eq. 4: five frames of q, dq and action (23 each), angular velocity and gravity (3 each),
     # and the phase: 5 * 75 + 1. Section 4.1: pose 7, twist 6, q, dq, action, 27 bodies twice.
-    assert observations.FRAME_DIM == 75
-    assert observations.OBSERVATION_DIMS == {"history": 376, "reference": 244}
-    assert observations.PRIVILEGED_DIM == 165
+    assert observations.observation_dims(G1) == {"history": 376, "reference": 244}
+    assert observations.privileged_dim(G1) == 165
 
 
 def test_one_frame_of_the_history(unrelated, action, default_pose):
@@ -155,4 +155,5 @@ def _moved(instant: Instant, turn: Rotation, shift: np.ndarray) -> Instant:
             body_pos_w=turned(reference.body_pos_w) + offset,
             body_lin_vel_w=turned(reference.body_lin_vel_w),
         ),
+        G1,
     )

@@ -17,7 +17,7 @@ from tlr_exp.env import terms
 from tlr_exp.env.instant import Instant
 from tlr_exp.env.terms import COSTS, TERMS
 from tlr_exp.motion.reference import ReferenceFrame
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 GOAL_TERMS = tuple(name for name in TERMS if name not in COSTS)
 
@@ -28,7 +28,7 @@ def constants_of(name: str) -> dict[str, float]:
 
 def move(step, bodies: tuple[str, ...], by: tuple[float, float, float]) -> None:
     for body in bodies:
-        step.state.body_pos_w[:, g1.TRACKED_BODIES.index(body)] += torch.tensor(by)
+        step.state.body_pos_w[:, G1.tracked_bodies.index(body)] += torch.tensor(by)
 
 
 # --- properties of every term ----------------------------------------------------------------
@@ -55,7 +55,7 @@ def test_a_term_is_stated_once_and_known_everywhere(settings_of, make_env, track
     assert env.term_names[-1] == "pushing"
     now = env.reset()
     for _ in range(12):  # until it has come down on its feet
-        after = env.step(now.set(keys.ACTION, torch.zeros(4, g1.NUM_JOINTS)))["next"]
+        after = env.step(now.set(keys.ACTION, torch.zeros(4, G1.num_joints)))["next"]
     force = env.state.foot_contact_force[..., 2].abs().sum(dim=-1)
     assert (force > 100.0).all()
     assert torch.equal(after[keys.REWARD_TERMS][:, -1], (force - 100.0).clamp(min=0.0))
@@ -109,7 +109,7 @@ def test_environments_do_not_mix(name, unrelated):
     reference = ReferenceFrame(*(field[row] for field in step.reference))
     alone = replace(
         step,
-        instant=Instant(step.state.at(row), reference),
+        instant=Instant(step.state.at(row), reference, step.spec),
         action=step.action[row],
         previous_action=step.previous_action[row],
         terminated=step.terminated[row],

@@ -20,6 +20,7 @@ from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.env.transition import Transition
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
+from tlr_exp.robot.g1 import G1
 from tlr_exp.training.build import build_collect
 
 NUM_ENVS = 4
@@ -214,7 +215,7 @@ def test_collected_terms_are_the_pure_functions_of_what_happened(
         elapsed = k % 39 + 1  # 39 steps lead from frame 0 to the last but one
         action, after = batch[keys.ACTION][:, k], batch["next"][:, k]
         transition = Transition(
-            Instant(state, reference.frame(torch.full((NUM_ENVS,), elapsed + 1))),
+            Instant(state, reference.frame(torch.full((NUM_ENVS,), elapsed + 1)), G1),
             action,
             previous,
             torch.zeros(NUM_ENVS, dtype=torch.bool),

@@ -17,7 +17,7 @@ from tlr_exp.env.terms import TERMS
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 NUM_ENVS = 3
 LAST_FRAME = 40  # of the short motion
@@ -79,7 +79,7 @@ def test_a_robot_that_follows_without_lead_is_one_frame_behind(playing, short_cl
     start = env.start_frame.numpy()
     after = step(env)
     gap = short_clip.body_pos_w[start + 2] - short_clip.body_pos_w[start + 1]
-    expected = np.linalg.norm(gap, axis=-1)[:, list(g1.UPPER_BODY)].mean(axis=1)
+    expected = np.linalg.norm(gap, axis=-1)[:, list(G1.upper_body)].mean(axis=1)
     np.testing.assert_allclose(errors(after)[keys.UPPER_BODY_ERROR], expected, atol=1e-6)
     assert expected.min() > 1e-4
 
@@ -113,8 +113,8 @@ def test_errors_by_hand(playing):
 
     def off(state: PhysicsState) -> PhysicsState:
         # Environment 2: the head is 0.22 m off, the pelvis 0.32 m; two joints 0.23 rad each.
-        state.body_pos_w[2, g1.TRACKED_BODIES.index("head"), 1] += 0.22
-        state.body_pos_w[2, g1.PELVIS, 0] -= 0.32
+        state.body_pos_w[2, G1.tracked_bodies.index("head"), 1] += 0.22
+        state.body_pos_w[2, G1.pelvis, 0] -= 0.32
         state.qpos[2, 7] += 0.23
         state.qpos[2, 20] -= 0.23
         return state

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tlr_exp.evaluation.distances import body_distance, heading, seen_from_the_pelvis, tilt
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 
 def quat(axis: tuple[float, float, float], angle_rad: float) -> np.ndarray:
@@ -19,7 +19,7 @@ def quat(axis: tuple[float, float, float], angle_rad: float) -> np.ndarray:
 
 
 def bodies(seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(-1.0, 1.0, (1, len(g1.TRACKED_BODIES), 3))
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (1, len(G1.tracked_bodies), 3))
 
 
 def test_body_distance_is_euclidean():
@@ -29,12 +29,12 @@ def test_body_distance_is_euclidean():
 
 
 def test_from_a_pelvis_that_faces_left_what_is_to_the_left_is_ahead():
-    there = np.zeros((1, len(g1.TRACKED_BODIES), 3))
+    there = np.zeros((1, len(G1.tracked_bodies), 3))
     there[0, :] = [5.0, 0.0, 0.8]
-    there[0, g1.PELVIS + 1] = [5.0, 0.3, 0.9]  # 0.3 m in the direction of y, 0.1 m higher
-    seen = seen_from_the_pelvis(there, quat((0, 0, 1), math.pi / 2))
-    np.testing.assert_allclose(seen[0, g1.PELVIS + 1], [0.3, 0.0, 0.1], atol=1e-12)
-    np.testing.assert_allclose(seen[0, g1.PELVIS], 0.0, atol=1e-12)
+    there[0, G1.pelvis + 1] = [5.0, 0.3, 0.9]  # 0.3 m in the direction of y, 0.1 m higher
+    seen = seen_from_the_pelvis(there, G1.pelvis, quat((0, 0, 1), math.pi / 2))
+    np.testing.assert_allclose(seen[0, G1.pelvis + 1], [0.3, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(seen[0, G1.pelvis], 0.0, atol=1e-12)
 
 
 @settings(deadline=None)
@@ -45,16 +45,16 @@ def test_a_motion_that_is_shifted_and_turned_looks_the_same(turn, x, y, z, lean)
     after = rotation.apply(before[0])[None] + np.array([x, y, z])
     w, rx, ry, rz = pose[0]
     turned = (rotation * Rotation.from_quat([rx, ry, rz, w])).as_quat()[[3, 0, 1, 2]][None]
-    seen = seen_from_the_pelvis(before, pose)
-    np.testing.assert_allclose(seen_from_the_pelvis(after, turned), seen, atol=1e-10)
+    seen = seen_from_the_pelvis(before, G1.pelvis, pose)
+    np.testing.assert_allclose(seen_from_the_pelvis(after, G1.pelvis, turned), seen, atol=1e-10)
 
 
 def test_a_robot_that_leans_does_not_look_the_same():
     before = bodies()
     rotation = Rotation.from_rotvec([0.3, 0.0, 0.0])
     after = rotation.apply(before[0])[None]
-    seen = seen_from_the_pelvis(after, quat((1, 0, 0), 0.3))
-    assert np.abs(seen - seen_from_the_pelvis(before, quat((1, 0, 0), 0.0))).max() > 0.1
+    seen = seen_from_the_pelvis(after, G1.pelvis, quat((1, 0, 0), 0.3))
+    assert np.abs(seen - seen_from_the_pelvis(before, G1.pelvis, quat((1, 0, 0), 0.0))).max() > 0.1
 
 
 @pytest.mark.parametrize("angle_rad", [-3.0, -0.5, 0.0, 1.0, 3.1])

@@ -16,7 +16,7 @@ from tlr_exp.evaluation.measures import MEASURES
 from tlr_exp.evaluation.result import evaluate_trajectory, mean_metrics
 from tlr_exp.keys import Ending
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 SPLIT = RewardSplit({"body_pos": 2.0}, {"base_height": -4.0}, 0.02, ["body_pos", "base_height"])
 
@@ -25,9 +25,9 @@ def test_errors_are_means_over_the_bodies_of_each_half():
     trajectory = still_trajectory()
     # Both hands 0.11 m off all the time: 2 of the 11 upper bodies, none of the lower ones.
     for name in ("left_hand", "right_hand"):
-        trajectory.body_pos_w[:, g1.TRACKED_BODIES.index(name), 1] = 0.11
+        trajectory.body_pos_w[:, G1.tracked_bodies.index(name), 1] = 0.11
     # The pelvis 0.32 m off in half of the steps: 1 of the 16 lower bodies.
-    trajectory.body_pos_w[:50, g1.PELVIS, 2] = 0.32
+    trajectory.body_pos_w[:50, G1.pelvis, 2] = 0.32
     trajectory.qpos[:, 7] = 0.23  # one of 23 joints
     result = evaluate_trajectory(trajectory, max_tilt=0.8, max_distance_m=1.0, split=SPLIT)
     assert result.upper_body_error_m == pytest.approx(0.02)

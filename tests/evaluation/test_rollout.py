@@ -6,21 +6,21 @@ import torch
 from tensordict import TensorDict
 
 from tlr_exp import keys
-from tlr_exp.env.observations import OBSERVATION_DIMS
+from tlr_exp.env.observations import observation_dims
 from tlr_exp.evaluation.latency import latency
 from tlr_exp.evaluation.result import evaluate_trajectory
 from tlr_exp.evaluation.rollout import rollout
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.ppo.networks import build_actor
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 DT = 0.02
 SPLIT = RewardSplit({"body_pos": 1.0}, {}, DT, ["body_pos"])
 
 
 def still_policy(tensordict):
-    action = torch.zeros(*tensordict.batch_size, g1.NUM_JOINTS)
+    action = torch.zeros(*tensordict.batch_size, G1.num_joints)
     return tensordict.set(keys.ACTION, action)
 
 
@@ -83,8 +83,8 @@ def test_rollout_can_be_cut_short_and_refuses_what_ends_early(make_env, settings
 def test_rollout_uses_the_mean_action_and_no_random_number(make_env, settings_of):
     settings_ = settings_of("ppo.hidden_sizes=[8]", "ppo.initial_std=1.0")
     actor = build_actor(
-        OBSERVATION_DIMS["history"],
-        g1.NUM_JOINTS,
+        observation_dims(G1)["history"],
+        G1.num_joints,
         settings_.ppo,
         torch.Generator().manual_seed(0),
     )
@@ -117,8 +117,8 @@ def test_robots_of_a_batch_do_what_each_does_alone(make_env, settings_of):
 def test_a_network_s_batch_differs_from_single_roll_outs_by_rounding_alone(make_env, settings_of):
     settings_ = settings_of("ppo.hidden_sizes=[64,64]")
     generator = torch.Generator().manual_seed(0)
-    dim = OBSERVATION_DIMS["history"]
-    actor = build_actor(dim, g1.NUM_JOINTS, settings_.ppo, generator)
+    dim = observation_dims(G1)["history"]
+    actor = build_actor(dim, G1.num_joints, settings_.ppo, generator)
     frames = tuple(range(0, 32, 2))
     together = rollout(evaluation_env(make_env, frames), actor)
     for frame, in_batch in zip(frames, together, strict=True):
@@ -141,7 +141,7 @@ def test_a_motion_that_is_driven_late_is_found_late_by_as_much(make_env, robot):
     qpos[:, 2], qpos[:, 3] = 0.76, 1.0
     qpos[:, 7:] = robot.default_joint_pos_rad
     for joint, speed in (("left_shoulder_roll", 3.0), ("right_elbow", 4.3)):
-        index = 7 + g1.JOINT_NAMES.index(f"{joint}_joint")
+        index = 7 + G1.joint_names.index(f"{joint}_joint")
         qpos[:, index] += 0.4 * (1 - np.cos(speed * time_s))
     clip = clip_from_qpos(qpos, 1 / DT, robot)
 

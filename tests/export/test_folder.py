@@ -17,6 +17,7 @@ from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.checkpoint import load_checkpoint
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.runs import find_run
+from tlr_exp.robot.g1 import G1
 
 BARE = ["--no-video", "--no-pictures"]
 
@@ -86,7 +87,7 @@ def test_a_run_of_an_earlier_version_that_keeps_no_clip_gives_its_motions(
     del manifest["files"]
     (bare / "manifest.json").write_text(json.dumps(manifest))
     assert main([str(bare), "-o", str(tmp_path / "policy")]) == 0
-    ours, others = (MotionClip.load(f / "motion.npz") for f in (tmp_path / "policy", policy))
+    ours, others = (MotionClip.load(f / "motion.npz", G1) for f in (tmp_path / "policy", policy))
     assert np.array_equal(ours.qpos, others.qpos)
 
 

@@ -20,13 +20,13 @@ from tlr_exp.assembly.environment import build_evaluation_env
 from tlr_exp.assembly.terms import terms_of_evaluation
 from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.commands import export_policy
-from tlr_exp.env.observations import OBSERVATION_DIMS
+from tlr_exp.env.observations import observation_dims
 from tlr_exp.evaluation.choosing import choose, load_policy
 from tlr_exp.evaluation.policies import evaluate
 from tlr_exp.export.observation_layout import observation_layout
 from tlr_exp.export.onnx_file import largest_difference, onnx_model, write_onnx
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import build_robot, robot_xml
 
 ROOT = Path(__file__).parents[2]
@@ -96,7 +96,7 @@ def test_a_frame_behind_the_end_takes_the_last_one(run_of):
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]
     )
-    zeros = np.zeros((2, OBSERVATION_DIMS["history"]), np.float32)
+    zeros = np.zeros((2, observation_dims(G1)["history"]), np.float32)
     inputs = {"observation": zeros, "frame": np.array([clip.num_frames - 1, clip.num_frames + 7])}
     for rows in session.run(["joint_target", "reference_qpos"], inputs):
         np.testing.assert_array_equal(rows[0], rows[1])
@@ -130,7 +130,7 @@ def test_what_a_controller_must_know(run_of, tmp_path):
     model = onnx.load(tmp_path / "policy.onnx")
     meta = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
     robot = build_robot()
-    assert meta["joint_names"] == list(g1.JOINT_NAMES)
+    assert meta["joint_names"] == list(G1.joint_names)
     np.testing.assert_allclose(meta["kp"], robot.kp)
     np.testing.assert_allclose(meta["action_scale_rad"], robot.action_scale_rad)
     assert meta["action_is_relative_to"] == "reference_pose"
@@ -141,10 +141,12 @@ def test_what_a_controller_must_know(run_of, tmp_path):
     assert str(run) not in json.dumps(meta)
 
 
-@pytest.mark.parametrize("observation", list(OBSERVATION_DIMS))
+@pytest.mark.parametrize("observation", list(observation_dims(G1)))
 def test_the_layout_has_every_number_of_an_observation(observation):
-    parts = observation_layout(observation)
-    assert sum(part["width"] * part["frames"] for part in parts) == OBSERVATION_DIMS[observation]
+    parts = observation_layout(observation, G1)
+    assert (
+        sum(part["width"] * part["frames"] for part in parts) == observation_dims(G1)[observation]
+    )
 
 
 def test_a_network_that_differs_is_found(run_of):
@@ -175,7 +177,7 @@ def test_what_cannot_be_exported_is_refused_and_nothing_replaced(run_of, tmp_pat
 def test_the_model_as_text_is_the_model(collisions):
     import mujoco
 
-    written = mujoco.MjModel.from_xml_string(robot_xml("asap", collisions))
+    written = mujoco.MjModel.from_xml_string(robot_xml(G1, "asap", collisions))
     built = build_robot(gains="asap", collisions=collisions).model
     assert written.npair == built.npair
     assert written.opt.timestep == built.opt.timestep

@@ -48,7 +48,7 @@ def gym_text() -> str:
 
 @pytest.fixture(scope="session")
 def gym_plan(robot: Robot, gym_text: str) -> MotionPlan:
-    return MotionPlan(read_script(gym_text, HandSolver(robot)), robot)
+    return MotionPlan(read_script(gym_text, robot.spec, HandSolver(robot)), robot)
 
 
 @pytest.fixture(scope="session")
@@ -63,7 +63,7 @@ def authored(robot: Robot) -> Callable[[str], tuple[MotionClip, MotionPlan]]:
     @cache
     def of(name: str) -> tuple[MotionClip, MotionPlan]:
         text = files("tlr_exp.motion.clips").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-        plan = MotionPlan(read_script(text, HandSolver(robot)), robot)
+        plan = MotionPlan(read_script(text, robot.spec, HandSolver(robot)), robot)
         return build_clip(text, robot), plan
 
     return of

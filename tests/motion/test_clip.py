@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from tlr_exp.motion.checks import ARRAY_SHAPES
+from tlr_exp.motion.checks import ARRAYS
 from tlr_exp.motion.clip import (
     MotionClip,
     check_consistency,
@@ -17,7 +17,7 @@ from tlr_exp.motion.clip import (
 )
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quaternions import angle_between, continuous
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.g1 import G1
 
 
 def test_frames_and_duration(swaying_clip):
@@ -64,7 +64,7 @@ def test_body_twists_are_those_of_mujoco(robot, swaying_clip):
     for t in (0, 37, 100):
         data.qpos[:], data.qvel[:] = swaying_clip.qpos[t], swaying_clip.qvel[t]
         mujoco.mj_forward(model, data)
-        for i, name in enumerate(TRACKED_BODIES):
+        for i, name in enumerate(G1.tracked_bodies):
             twist = np.zeros(6)
             mujoco.mj_objectVelocity(
                 model, data, mujoco.mjtObj.mjOBJ_XBODY, model.body(name).id, twist, 0
@@ -89,14 +89,13 @@ def test_a_step_of_mujoco_agrees_with_the_velocity_convention(robot, swaying_cli
 def test_save_and_load_keep_every_bit(swaying_clip, tmp_path):
     path = tmp_path / "clip.npz"
     swaying_clip.save(path)
-    loaded = MotionClip.load(path)
-    for key in ARRAY_SHAPES:
+    loaded = MotionClip.load(path, G1)
+    for key in ARRAYS:
         np.testing.assert_array_equal(getattr(loaded, key), getattr(swaying_clip, key))
-    assert (loaded.fps, loaded.joint_names, loaded.body_names) == (
-        50.0,
-        JOINT_NAMES,
-        TRACKED_BODIES,
-    )
+    assert (loaded.fps, loaded.spec) == (50.0, G1)
+    with np.load(path) as file:
+        assert tuple(file["joint_names"]) == G1.joint_names
+        assert tuple(file["body_names"]) == G1.tracked_bodies
     assert [p.name for p in tmp_path.iterdir()] == ["clip.npz"]
 
 
@@ -127,33 +126,33 @@ def test_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "broken.npz"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"broken\.npz"):
-        MotionClip.load(path)
+        MotionClip.load(path, G1)
 
 
 def test_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.npz"):
-        MotionClip.load(tmp_path / "nowhere.npz")
+        MotionClip.load(tmp_path / "nowhere.npz", G1)
 
 
 def test_missing_key_is_named(tmp_path):
     path = tmp_path / "part.npz"
     np.savez(path, qpos=np.zeros((3, 30)), fps=50.0)
     with pytest.raises(ValueError, match=r"lacks qvel, body_pos_w.*has \['qpos', 'fps'\]"):
-        MotionClip.load(path)
+        MotionClip.load(path, G1)
 
 
 def test_pickled_arrays_are_refused(tmp_path, swaying_clip):
     path = tmp_path / "pickled.npz"
-    content = {key: getattr(swaying_clip, key) for key in ARRAY_SHAPES}
+    content = {key: getattr(swaying_clip, key) for key in ARRAYS}
     np.savez(
         path,
         **content,
         fps=50.0,
-        joint_names=np.array(JOINT_NAMES, dtype=object),
-        body_names=np.array(TRACKED_BODIES),
+        joint_names=np.array(G1.joint_names, dtype=object),
+        body_names=np.array(G1.tracked_bodies),
     )
     with pytest.raises(ValueError, match="allow_pickle"):
-        MotionClip.load(path)
+        MotionClip.load(path, G1)
 
 
 def _bad(clip: MotionClip, key: str, index, value) -> dict:
@@ -169,21 +168,36 @@ def _bad(clip: MotionClip, key: str, index, value) -> dict:
         (lambda c: {"fps": float("nan")}, "fps is nan"),
         (lambda c: {"qpos": c.qpos[:, :29]}, r"qpos is \[101, 29\]; expected \[T, 30\]"),
         (lambda c: {"qvel": c.qvel[:50]}, r"qvel is \[50, 29\].*T = 101"),
-        (lambda c: {k: getattr(c, k)[:1] for k in ARRAY_SHAPES}, r"1 frame\(s\)"),
+        (lambda c: {k: getattr(c, k)[:1] for k in ARRAYS}, r"1 frame\(s\)"),
         (lambda c: _bad(c, "qvel", (4, 7), np.nan), r"qvel\[4, 7\] is nan"),
         (lambda c: _bad(c, "body_pos_w", (9, 3, 1), np.inf), r"body_pos_w\[9, 3, 1\] is inf"),
         (lambda c: _bad(c, "qpos", (5, slice(3, 7)), 0.6), r"norm 1.2 at \[5\]"),
         (lambda c: _bad(c, "body_quat_w", (5, 2), 0.0), r"body_quat_w.*norm 0 at \[5, 2\]"),
         (lambda c: _bad(c, "qpos", (8, 10), 3.1), "left_knee_joint is 3.100 rad at frame 8"),
-        (lambda c: {"joint_names": JOINT_NAMES[:-1]}, "missing: right_elbow_joint; the clip has"),
-        (lambda c: {"joint_names": (*JOINT_NAMES, "tail")}, "unknown: tail"),
-        (lambda c: {"joint_names": JOINT_NAMES[::-1]}, "order"),
-        (lambda c: {"body_names": ("hips", *TRACKED_BODIES[1:])}, "missing: pelvis; unknown: hips"),
     ],
 )
 def test_invalid_clips_are_refused(swaying_clip, change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(swaying_clip, **change(swaying_clip))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"joint_names": G1.joint_names[:-1]}, "missing: right_elbow_joint; the clip has"),
+        ({"joint_names": (*G1.joint_names, "tail")}, "unknown: tail"),
+        ({"joint_names": G1.joint_names[::-1]}, "order"),
+        ({"body_names": ("hips", *G1.tracked_bodies[1:])}, "missing: pelvis; unknown: hips"),
+    ],
+)
+def test_a_file_of_other_joints_or_bodies_is_refused(swaying_clip, tmp_path, names, message):
+    path = tmp_path / "other.npz"
+    swaying_clip.save(path)
+    with np.load(path) as file:
+        content = dict(file)
+    np.savez(path, **content | names)
+    with pytest.raises(ValueError, match=rf"other\.npz.*the 23-joint G1; .*{message}"):
+        MotionClip.load(path, G1)
 
 
 @pytest.mark.parametrize(

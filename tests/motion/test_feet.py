@@ -6,7 +6,7 @@ import pytest
 from standing import support_margin
 
 from tlr_exp.motion.feet import foot_extremes, half_planes, hip_offset, sole_points
-from tlr_exp.robot.g1 import JOINT_NAMES, LINK_NAMES
+from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import build_robot
 
 
@@ -75,7 +75,7 @@ def _robot_with_foot(tmp_path, geom: str):
         f'<body name="{link}"><joint name="{joint}" axis="0 1 0"/>{inertia}'
         + (f"<geom {geom}/>" if "ankle_roll" in link else "")
         + "</body>"
-        for joint, link in zip(JOINT_NAMES, LINK_NAMES[1:], strict=True)
+        for joint, link in zip(G1.joint_names, G1.link_names[1:], strict=True)
     )
     path = tmp_path / "robot.xml"
     path.write_text(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
+from tlr_exp.robot.g1 import G1
 
 RANGE = np.tile([-1.0, 2.0], (23, 1))
 
@@ -16,10 +17,10 @@ def test_distances_to_the_nearer_limit():
 
 def test_the_worst_is_named():
     joints = np.zeros((3, 23))
-    joints[1, 3], joints[2, 0] = -1.25, 2.125
-    beyond, words = furthest_beyond(joints, RANGE)
-    assert beyond == 0.25
-    assert words == "left_knee_joint is -1.250 rad at frame 1; its range is [-1.000, 2.000] rad"
+    joints[1, 3], joints[2, 0] = -0.0873 - 0.25, 2.8798 + 0.125
+    beyond, words = furthest_beyond(joints, G1)
+    assert beyond == pytest.approx(0.25)
+    assert words == "left_knee_joint is -0.337 rad at frame 1; its range is [-0.087, 2.880] rad"
 
 
 def test_clamping_leaves_the_root_and_what_is_inside(swaying_qpos):

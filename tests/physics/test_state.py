@@ -10,6 +10,7 @@ from tlr_exp.physics.state import (
     check_reset,
     check_saved_state,
 )
+from tlr_exp.robot.g1 import G1
 
 
 def test_twist_of_a_body_on_a_turning_arm_by_hand() -> None:
@@ -35,7 +36,7 @@ def test_twist_is_that_of_a_rigid_body() -> None:
 
 def test_joint_target_of_the_wrong_shape_is_refused() -> None:
     with pytest.raises(ValueError, match=r"\[3, 22\]; expected \[3, 23\]"):
-        check_joint_target(torch.zeros(3, 22), 3)
+        check_joint_target(torch.zeros(3, 22), 3, G1)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
@@ -43,7 +44,7 @@ def test_joint_target_that_is_not_finite_names_the_environments(value: float) ->
     target = torch.zeros(5, 23)
     target[1, 4] = target[3, 0] = value
     with pytest.raises(ValueError, match=r"2 of 5 environments: \[1, 3\]"):
-        check_joint_target(target, 5)
+        check_joint_target(target, 5, G1)
 
 
 @pytest.mark.parametrize(
@@ -61,21 +62,21 @@ def test_reset_of_environments_that_do_not_exist_is_refused(
     env_ids: torch.Tensor, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        check_reset(env_ids, torch.zeros(2, 30), torch.zeros(2, 29), 4)
+        check_reset(env_ids, torch.zeros(2, 30), torch.zeros(2, 29), 4, G1)
 
 
 def test_reset_to_a_state_of_the_wrong_shape_or_not_finite_is_refused() -> None:
     env_ids = torch.tensor([0, 2])
     with pytest.raises(ValueError, match=r"qpos has the shape \[2, 29\]; expected \[2, 30\]"):
-        check_reset(env_ids, torch.zeros(2, 29), torch.zeros(2, 29), 4)
+        check_reset(env_ids, torch.zeros(2, 29), torch.zeros(2, 29), 4, G1)
     qvel = torch.zeros(2, 29)
     qvel[1, 3] = torch.nan
     with pytest.raises(ValueError, match="qvel holds values that are not finite"):
-        check_reset(env_ids, torch.zeros(2, 30), qvel, 4)
+        check_reset(env_ids, torch.zeros(2, 30), qvel, 4, G1)
 
 
 def test_reset_of_no_environment_is_allowed() -> None:
-    check_reset(torch.empty(0, dtype=torch.int64), torch.zeros(0, 30), torch.zeros(0, 29), 4)
+    check_reset(torch.empty(0, dtype=torch.int64), torch.zeros(0, 30), torch.zeros(0, 29), 4, G1)
 
 
 @pytest.mark.parametrize(

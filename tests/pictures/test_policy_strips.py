@@ -14,7 +14,7 @@ from tlr_exp.pictures.framing import FARTHEST_M, frame_robots
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.pictures.policy_strips import StripRow, moments, policy_strip, strip_lookat
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 
 STEPS = 30
 FALL = 12  # the first step of the falling robot that counts as fallen
@@ -35,7 +35,7 @@ def can_draw() -> None:
 def standing(short_clip) -> Trajectory:
     """30 steps of the short motion, tracked exactly but for the left elbow, 0.1 rad off."""
     qpos = short_clip.qpos[:STEPS].copy()
-    qpos[:, 7 + g1.JOINT_NAMES.index("left_elbow_joint")] += 0.1
+    qpos[:, 7 + G1.joint_names.index("left_elbow_joint")] += 0.1
     bodies = short_clip.body_pos_w[:STEPS]
     return trajectory_of(qpos, short_clip.qpos[:STEPS].copy(), bodies.copy(), bodies.copy())
 

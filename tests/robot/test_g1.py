@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from tlr_exp.robot import g1
+from tlr_exp.config.limits import GAIN_SETS
+from tlr_exp.robot.g1 import G1
+from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION, SIM_DT_S
 
 # joint: range (rad), effort (N m), velocity (rad/s)
 LIMITS = {
@@ -88,18 +90,22 @@ BEYONDMIMIC = {
 
 
 def _columns(*names: str, gains: str) -> np.ndarray:
-    tables = g1.joint_tables(gains)
+    tables = G1.joint_tables(gains)
     return np.column_stack([tables[name] for name in names])
 
 
 def test_joint_order_is_that_of_the_table() -> None:
-    assert tuple(LIMITS) == g1.JOINT_NAMES
-    assert tuple(ASAP) == g1.JOINT_NAMES
-    assert tuple(BEYONDMIMIC) == g1.JOINT_NAMES
-    assert g1.NUM_JOINTS == 23
+    assert tuple(LIMITS) == G1.joint_names
+    assert tuple(ASAP) == G1.joint_names
+    assert tuple(BEYONDMIMIC) == G1.joint_names
+    assert G1.num_joints == 23
 
 
-@pytest.mark.parametrize("gains", g1.GAIN_SETS)
+def test_every_set_of_gains_that_a_configuration_may_name_is_there() -> None:
+    assert G1.gain_sets == GAIN_SETS
+
+
+@pytest.mark.parametrize("gains", G1.gain_sets)
 def test_ranges_efforts_and_speeds(gains: str) -> None:
     found = _columns("joint_range_rad", "effort_limit_nm", "velocity_limit_rad_s", gains=gains)
     np.testing.assert_array_equal(found, list(LIMITS.values()))
@@ -124,7 +130,7 @@ def test_beyondmimic_gains_follow_from_the_armature() -> None:
 
     As far as three printed digits go.
     """
-    tables = g1.joint_tables("beyondmimic")
+    tables = G1.joint_tables("beyondmimic")
     rate = 2 * math.pi * 10
     np.testing.assert_allclose(tables["kp"], tables["armature"] * rate**2, rtol=6e-4)
     np.testing.assert_allclose(tables["kd"], 4 * tables["armature"] * rate, rtol=6e-4)
@@ -132,42 +138,42 @@ def test_beyondmimic_gains_follow_from_the_armature() -> None:
     np.testing.assert_allclose(tables["action_scale_rad"], scale, rtol=6e-4)
 
 
-@pytest.mark.parametrize("gains", g1.GAIN_SETS)
+@pytest.mark.parametrize("gains", G1.gain_sets)
 def test_default_pose_lies_inside_the_ranges(gains: str) -> None:
-    tables = g1.joint_tables(gains)
+    tables = G1.joint_tables(gains)
     low, high = tables["joint_range_rad"].T
     assert (low < tables["default_joint_pos_rad"]).all()
     assert (tables["default_joint_pos_rad"] < high).all()
 
 
 def test_tracked_bodies_are_24_links_and_three_points() -> None:
-    assert len(g1.LINK_NAMES) == 24
-    assert (*g1.LINK_NAMES, "left_hand", "right_hand", "head") == g1.TRACKED_BODIES
+    assert len(G1.link_names) == 24
+    assert (*G1.link_names, "left_hand", "right_hand", "head") == G1.tracked_bodies
     # A link hangs on each joint; the pelvis hangs on none, the torso on the last waist joint.
-    links = {name.removesuffix("_joint") + "_link" for name in g1.JOINT_NAMES}
+    links = {name.removesuffix("_joint") + "_link" for name in G1.joint_names}
     links = links - {"waist_pitch_link"} | {"pelvis", "torso_link"}
-    assert set(g1.LINK_NAMES) == links
+    assert set(G1.link_names) == links
 
 
 def test_upper_body_is_arms_hands_and_head_and_lower_body_the_rest() -> None:
-    upper = {g1.TRACKED_BODIES[i] for i in g1.UPPER_BODY}
+    upper = {G1.tracked_bodies[i] for i in G1.upper_body}
     arm = ("shoulder_pitch_link", "shoulder_roll_link", "shoulder_yaw_link", "elbow_link", "hand")
     assert upper == {f"{side}_{part}" for side in ("left", "right") for part in arm} | {"head"}
-    assert len(g1.UPPER_BODY) == 11
-    assert len(g1.LOWER_BODY) == 16
-    assert sorted(g1.UPPER_BODY + g1.LOWER_BODY) == list(range(27))
+    assert len(G1.upper_body) == 11
+    assert len(G1.lower_body) == 16
+    assert sorted(G1.upper_body + G1.lower_body) == list(range(27))
 
 
 def test_named_points() -> None:
     def names(indices: tuple[int, ...]) -> list[str]:
-        return [g1.TRACKED_BODIES[i] for i in indices]
+        return [G1.tracked_bodies[i] for i in indices]
 
-    assert names(g1.THREE_POINTS) == ["left_hand", "right_hand", "head"]
-    assert names(g1.FEET) == ["left_ankle_roll_link", "right_ankle_roll_link"]
-    assert g1.TRACKED_BODIES[g1.PELVIS] == "pelvis"
+    assert names(G1.three_points) == ["left_hand", "right_hand", "head"]
+    assert names(G1.feet) == ["left_ankle_roll_link", "right_ankle_roll_link"]
+    assert G1.tracked_bodies[G1.pelvis] == "pelvis"
 
 
 def test_fifty_control_steps_of_four_physics_steps_make_a_second() -> None:
-    assert g1.SIM_DT_S == 0.005
-    assert g1.DECIMATION == 4
-    assert math.isclose(50 * g1.CONTROL_DT_S, 1.0)
+    assert SIM_DT_S == 0.005
+    assert DECIMATION == 4
+    assert math.isclose(50 * CONTROL_DT_S, 1.0)

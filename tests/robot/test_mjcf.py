@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tlr_exp.robot import g1
-from tlr_exp.robot.model import Robot, build_robot, load_spec, menagerie_scene
+from tlr_exp.config.limits import COLLISION_SETS
+from tlr_exp.robot.model import Robot, build_robot, load_source, model_scene
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def write_variant(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Pat
     """``write_variant(edit)``: Menagerie's robot without meshes, edited, as a file of one's own."""
 
     def write(edit: Callable[[mujoco.MjSpec], None] = lambda spec: None) -> Path:
-        spec = mujoco.MjSpec.from_file(str(menagerie_scene()))
+        spec = mujoco.MjSpec.from_file(str(model_scene()))
         for geom in spec.geoms:
             if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
                 spec.delete(geom)
@@ -56,7 +56,7 @@ def test_model_of_one_s_own_with_contact_bits_and_no_floor(
             geom.contype = geom.conaffinity = 1
 
     path = write_variant(bits_in_place_of_pairs)
-    for collisions in g1.COLLISION_SETS:
+    for collisions in COLLISION_SETS:
         robot = build_robot(path, collisions=collisions)
         data = mujoco.MjData(robot.model)
         data.qpos[2] = 0.745
@@ -117,8 +117,8 @@ def test_joints_in_another_order_are_refused(write_variant: Callable[..., Path])
 
 
 def test_mesh_that_gives_a_link_its_inertia_is_kept(tmp_path: Path) -> None:
-    spec = load_spec()
-    spec.meshdir = str(menagerie_scene().parent / "assets")
+    spec = load_source()
+    spec.meshdir = str(model_scene().parent / "assets")
     spec.body("torso_link").explicitinertial = False
     path = tmp_path / "own.xml"
     expected = spec.compile().body("torso_link").mass
@@ -129,7 +129,7 @@ def test_mesh_that_gives_a_link_its_inertia_is_kept(tmp_path: Path) -> None:
 
 def test_model_that_does_not_compile_is_named(tmp_path: Path) -> None:
     path = tmp_path / "own.xml"
-    path.write_text(load_spec().to_xml())  # without the folder of its meshes
+    path.write_text(load_source().to_xml())  # without the folder of its meshes
     with pytest.raises(ValueError, match=r"env\.robot\.mjcf: MuJoCo cannot compile .*own\.xml"):
         build_robot(path, visuals=True)
 

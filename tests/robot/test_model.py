@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from tlr_exp.robot import g1
-from tlr_exp.robot.model import Robot, build_robot, load_spec
+from tlr_exp.robot.g1 import G1
+from tlr_exp.robot.model import Robot, build_robot, load_source
 
 DEGREES_OF_FREEDOM = slice(6, 29)  # after the pelvis
 
 
-@pytest.fixture(scope="module", params=g1.GAIN_SETS)
+@pytest.fixture(scope="module", params=G1.gain_sets)
 def any_gains(request: pytest.FixtureRequest) -> Robot:
     return build_robot(gains=request.param)
 
@@ -23,9 +23,9 @@ def _contact_partners(model: mujoco.MjModel, geom_names: set[str]) -> set[frozen
 
 def test_joints_come_in_the_order_of_the_table(any_gains: Robot) -> None:
     model = any_gains.model
-    assert [model.joint(i).name for i in range(1, model.njnt)] == list(g1.JOINT_NAMES)
+    assert [model.joint(i).name for i in range(1, model.njnt)] == list(G1.joint_names)
     assert model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
-    assert [model.actuator(i).name for i in range(model.nu)] == list(g1.JOINT_NAMES)
+    assert [model.actuator(i).name for i in range(model.nu)] == list(G1.joint_names)
     assert (model.nq, model.nv, model.nu) == (30, 29, 23)
 
 
@@ -42,7 +42,7 @@ def test_model_has_the_ranges_efforts_and_armature_of_the_table(any_gains: Robot
 
 
 def test_robot_carries_the_table_of_its_gains(any_gains: Robot) -> None:
-    for name, column in g1.joint_tables(any_gains.gains).items():
+    for name, column in G1.joint_tables(any_gains.gains).items():
         np.testing.assert_array_equal(getattr(any_gains, name), column)
 
 
@@ -61,8 +61,8 @@ def test_simulation_options(any_gains: Robot) -> None:
 
 def test_body_ids_name_the_tracked_bodies(robot: Robot) -> None:
     names = [robot.model.body(i).name for i in robot.body_ids]
-    assert names == list(g1.TRACKED_BODIES)
-    assert [robot.model.body(i).name for i in robot.foot_body_ids] == list(g1.FOOT_BODIES)
+    assert names == list(G1.tracked_bodies)
+    assert [robot.model.body(i).name for i in robot.foot_body_ids] == list(G1.foot_names)
 
 
 def test_hands_and_head_sit_where_the_table_says_and_weigh_nothing(robot: Robot) -> None:
@@ -108,7 +108,7 @@ def test_foot_sensors_report_the_force_on_the_foot(robot: Robot) -> None:
 
 
 def test_full_collisions_keep_every_pair_of_the_model_and_feet_only_six(robot: Robot) -> None:
-    source = load_spec().compile()
+    source = load_source().compile()
     assert robot.model.npair == source.npair == 49
     feet = build_robot(collisions="feet").model
     soles = {f"{side}_foot{i}_collision" for side in ("left", "right") for i in (1, 2, 3)}
@@ -137,7 +137,7 @@ def test_pictures_keep_the_meshes_and_change_nothing_else(robot: Robot) -> None:
 
 
 def test_wrist_joints_actuators_sensors_and_keyframes_of_the_source_are_gone(robot: Robot) -> None:
-    source = load_spec().compile()
+    source = load_source().compile()
     assert source.njnt == 30
     assert "left_wrist_roll_joint" in {source.joint(i).name for i in range(source.njnt)}
     assert robot.model.nkey == 0

@@ -11,6 +11,7 @@ from tlr_exp.config.input_files import motion_content
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import StorageError
+from tlr_exp.robot.g1 import G1
 from tlr_exp.training.kept_motion import kept_motion
 from tlr_exp.training.run import open_run
 
@@ -49,7 +50,7 @@ def test_a_folder_that_cannot_be_written_is_named(run, short_clip, monkeypatch):
 def test_a_training_keeps_its_motion_and_goes_on_with_it(run, settings_of, short_clip, tmp_path):
     settings = settings_of("scale.num_envs=16", "ppo.hidden_sizes=[16]")
     assert build_training(settings, run).env.reference.num_frames == short_clip.num_frames
-    kept = arrays(MotionClip.load(run.motion_path))
+    kept = arrays(MotionClip.load(run.motion_path, G1))
     np.testing.assert_array_equal(kept["qpos"], short_clip.qpos)
     shorter = {name: array[:30] for name, array in kept.items()}
     dataclasses.replace(short_clip, **shorter).save(tmp_path / "edited.npz")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import find_chromium, open_page, until
 
-from tlr_exp.robot import g1
+from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import build_robot
 from tlr_exp.viewing import web
 from tlr_exp.viewing.recording import Recording
@@ -25,7 +25,7 @@ def test_a_browser_shows_the_robot_and_its_slider_moves_it(short_clip, tmp_path)
     pytest.importorskip("viser")
     pytest.importorskip("mjviser")
     qpos, reference = short_clip.qpos.copy(), short_clip.qpos.copy()
-    arm = 7 + g1.JOINT_NAMES.index("right_shoulder_pitch_joint")
+    arm = 7 + G1.joint_names.index("right_shoulder_pitch_joint")
     qpos[:, arm] = np.linspace(0.0, -2.5, len(qpos))
     reference[:, 1] -= 0.4
     captions = tuple(f"state {frame} of the clip" for frame in range(short_clip.num_frames))

@@ -2,26 +2,27 @@
 
 import torch
 
+from tlr_exp.assembly.robot import spec_of
 from tlr_exp.assembly.seeds import Seeds
 from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import Settings
-from tlr_exp.env.observations import OBSERVATION_DIMS, PRIVILEGED_DIM
+from tlr_exp.env.observations import observation_dims, privileged_dim
 from tlr_exp.machine.precision import chosen_precision
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.ppo.networks import build_actor, build_critic, set_precision
-from tlr_exp.robot import g1
 
 
 def build_ppo(settings: Settings) -> Ppo:
     """Actor, critic and learner on the run's device."""
     seeds, device = Seeds.of(settings.seed), check_device(settings.device)
-    observation_dim = OBSERVATION_DIMS[settings.env.observation]
+    spec = spec_of(settings.env)
+    observation_dim = observation_dims(spec)[settings.env.observation]
     exploration = torch.Generator(device=device).manual_seed(seeds.exploration)
     # The layers draw their first weights from the global generator: give them one of their own.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seeds.networks)
-        actor = build_actor(observation_dim, g1.NUM_JOINTS, settings.ppo, exploration)
-        critic = build_critic(observation_dim, PRIVILEGED_DIM, settings.ppo)
+        actor = build_actor(observation_dim, spec.num_joints, settings.ppo, exploration)
+        critic = build_critic(observation_dim, privileged_dim(spec), settings.ppo)
     precision = chosen_precision(settings.precision, settings.device)
     for network in (actor, critic):
         network.to(device)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from tlr_exp.config.settings import Settings
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot import g1
+from tlr_exp.robot.timing import CONTROL_DT_S
 
 
 def build_split(settings: Settings, term_names: Iterable[str]) -> RewardSplit:
@@ -14,7 +14,7 @@ def build_split(settings: Settings, term_names: Iterable[str]) -> RewardSplit:
     """
     reward = settings.reward
     optimizing = {name: reward.penalty_scale * value for name, value in reward.optimizing.items()}
-    return RewardSplit(reward.goal, optimizing, g1.CONTROL_DT_S, term_names)
+    return RewardSplit(reward.goal, optimizing, CONTROL_DT_S, term_names)
 
 
 def build_judged_split(settings: Settings, term_names: Iterable[str]) -> RewardSplit:
@@ -23,4 +23,4 @@ def build_judged_split(settings: Settings, term_names: Iterable[str]) -> RewardS
     So runs whose lower layer was trained at different scales can be compared.
     """
     reward = settings.reward
-    return RewardSplit(reward.goal, reward.optimizing, g1.CONTROL_DT_S, term_names)
+    return RewardSplit(reward.goal, reward.optimizing, CONTROL_DT_S, term_names)

@@ -4,7 +4,6 @@ from torch import Tensor
 
 from tlr_exp import keys
 from tlr_exp.env.instant import Instant
-from tlr_exp.robot import g1
 
 
 def tracking_errors(instant: Instant) -> dict[str, Tensor]:
@@ -15,7 +14,7 @@ def tracking_errors(instant: Instant) -> dict[str, Tensor]:
     distance = instant.squared_distance.sqrt()
     joint_error = (instant.reference.qpos[:, 7:] - instant.state.qpos[:, 7:]).abs()
     return {
-        keys.UPPER_BODY_ERROR: distance[:, g1.UPPER_BODY].mean(-1, keepdim=True),
-        keys.LOWER_BODY_ERROR: distance[:, g1.LOWER_BODY].mean(-1, keepdim=True),
+        keys.UPPER_BODY_ERROR: distance[:, instant.spec.upper_body].mean(-1, keepdim=True),
+        keys.LOWER_BODY_ERROR: distance[:, instant.spec.lower_body].mean(-1, keepdim=True),
         keys.JOINT_ERROR: joint_error.mean(-1, keepdim=True),
     }

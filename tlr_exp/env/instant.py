@@ -8,6 +8,7 @@ from torch import Tensor
 from tlr_exp.env.rotations import into_frame, rotation_angle, rotation_matrix
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
+from tlr_exp.robot.spec import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Instant:
 
     state: PhysicsState
     reference: ReferenceFrame
+    spec: RobotSpec
 
     @cached_property
     def body_pos_error_w(self) -> Tensor:

@@ -7,20 +7,26 @@ from torch import Tensor, cat
 
 from tlr_exp.env.instant import Instant
 from tlr_exp.env.rotations import into_frame
-from tlr_exp.robot import g1
+from tlr_exp.robot.spec import RobotSpec
 
 LIN_VEL_SCALE = 2.0
 ANG_VEL_SCALE = 0.25
 JOINT_VEL_SCALE = 0.05
 
 HISTORY_LENGTH = 5
-FRAME_DIM = 3 * g1.NUM_JOINTS + 6
-_BODY_DIM = 3 * len(g1.TRACKED_BODIES)
-OBSERVATION_DIMS = {
-    "history": HISTORY_LENGTH * FRAME_DIM + 1,
-    "reference": 13 + 3 * g1.NUM_JOINTS + 2 * _BODY_DIM,
-}
-PRIVILEGED_DIM = 3 + 2 * _BODY_DIM
+
+
+def observation_dims(spec: RobotSpec) -> dict[str, int]:
+    """Width of each observation: 376 and 244 for the G1."""
+    return {
+        "history": HISTORY_LENGTH * (3 * spec.num_joints + 6) + 1,
+        "reference": 13 + 3 * spec.num_joints + 6 * spec.num_bodies,
+    }
+
+
+def privileged_dim(spec: RobotSpec) -> int:
+    """Width of ``privileged_observation``: 165 for the G1."""
+    return 3 + 6 * spec.num_bodies
 
 
 def proprioception(instant: Instant, action: Tensor, default_joint_pos: Tensor) -> Tensor:
@@ -45,7 +51,7 @@ def first_history(frame: Tensor, phase: Tensor) -> Tensor:
 
 def next_history(frame: Tensor, previous: Tensor, phase: Tensor) -> Tensor:
     """Push ``frame`` [n, 75] in front of the ``previous`` history [n, 376] (Eq. 4 of the paper)."""
-    return cat((frame, previous[:, : (HISTORY_LENGTH - 1) * FRAME_DIM], phase), dim=-1)
+    return cat((frame, previous[:, : (HISTORY_LENGTH - 1) * frame.shape[-1]], phase), dim=-1)
 
 
 def reference_observation(instant: Instant, action: Tensor, default_joint_pos: Tensor) -> Tensor:

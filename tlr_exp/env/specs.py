@@ -6,8 +6,6 @@ import torch
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from tlr_exp import keys
-from tlr_exp.env.observations import PRIVILEGED_DIM
-from tlr_exp.robot import g1
 
 # Entries of one number an environment that are zero at the start of an episode.
 CLEARED_BY_RESET = {
@@ -22,13 +20,15 @@ CLEARED_BY_RESET = {
 }
 
 
-def observation_spec(batch: torch.Size, device: torch.device, observation_dim: int) -> Composite:
+def observation_spec(
+    batch: torch.Size, device: torch.device, observation_dim: int, privileged_dim: int
+) -> Composite:
     """What a step shows besides reward terms and done flags; the leading axis is num_envs."""
     scalar = partial(Unbounded, shape=_shape(batch, 1), device=device)
     return Composite(
         {
             keys.OBSERVATION: Unbounded(_shape(batch, observation_dim), device=device),
-            keys.PRIVILEGED: Unbounded(_shape(batch, PRIVILEGED_DIM), device=device),
+            keys.PRIVILEGED: Unbounded(_shape(batch, privileged_dim), device=device),
             keys.UPPER_BODY_ERROR: scalar(),
             keys.LOWER_BODY_ERROR: scalar(),
             keys.JOINT_ERROR: scalar(),
@@ -40,9 +40,9 @@ def observation_spec(batch: torch.Size, device: torch.device, observation_dim: i
     )
 
 
-def action_spec(batch: torch.Size, device: torch.device) -> Bounded:
+def action_spec(batch: torch.Size, device: torch.device, num_joints: int) -> Bounded:
     """Raw actions; the bounds only exclude numbers that no policy means."""
-    return Bounded(-1e3, 1e3, _shape(batch, g1.NUM_JOINTS), device=device)
+    return Bounded(-1e3, 1e3, _shape(batch, num_joints), device=device)
 
 
 def reward_terms_spec(batch: torch.Size, device: torch.device, num_terms: int) -> Composite:

@@ -20,8 +20,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tlr_exp.robot import g1
-
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -127,25 +125,25 @@ def body_ang_vel(step: Transition, *, sigma: float) -> Tensor:
 @tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
 def upper_body_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over arms, hands and head (ASAP)."""
-    return (-_position_error(step, g1.UPPER_BODY) / sigma).exp()
+    return (-_position_error(step, step.spec.upper_body) / sigma).exp()
 
 
 @tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
 def lower_body_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over pelvis, legs and torso (ASAP)."""
-    return (-_position_error(step, g1.LOWER_BODY) / sigma).exp()
+    return (-_position_error(step, step.spec.lower_body) / sigma).exp()
 
 
 @tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
 def three_point_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over the hands and the head (ASAP)."""
-    return (-_position_error(step, g1.THREE_POINTS) / sigma).exp()
+    return (-_position_error(step, step.spec.three_points) / sigma).exp()
 
 
 @tracking("exp(-(1/3N) Σ ‖p_ref - p‖² / σ)")
 def feet_pos(step: Transition, *, sigma: float) -> Tensor:
     """As ``body_pos`` over the two ankle-roll links (ASAP)."""
-    return (-_position_error(step, g1.FEET) / sigma).exp()
+    return (-_position_error(step, step.spec.feet) / sigma).exp()
 
 
 @tracking("exp(-(1/N) Σ_i (q_ref,i - q_i)² / σ)")

@@ -30,7 +30,6 @@ from tlr_exp.errors import UserError
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
-from tlr_exp.robot import g1
 from tlr_exp.robot.model import Robot
 
 
@@ -82,6 +81,7 @@ class TrackingEnv(EnvBase):
         check_env(settings)
         _check_motion(reference, physics.control_dt, settings.reference_lead)
         self.physics = physics
+        self.spec = robot.spec
         self.reference = reference
         self.settings = settings
         self.failures = failures
@@ -108,9 +108,12 @@ class TrackingEnv(EnvBase):
     # --- specs and buffers -------------------------------------------------------------------
 
     def _make_specs(self, num_terms: int) -> None:
-        dim = observations.OBSERVATION_DIMS[self.settings.observation]
-        self.observation_spec = specs.observation_spec(self.batch_size, self.device, dim)
-        self.action_spec = specs.action_spec(self.batch_size, self.device)
+        dim = observations.observation_dims(self.spec)[self.settings.observation]
+        privileged_dim = observations.privileged_dim(self.spec)
+        self.observation_spec = specs.observation_spec(
+            self.batch_size, self.device, dim, privileged_dim
+        )
+        self.action_spec = specs.action_spec(self.batch_size, self.device, self.spec.num_joints)
         self.reward_spec = specs.reward_terms_spec(self.batch_size, self.device, num_terms)
         self.done_spec = specs.done_spec(self.batch_size, self.device)
 
@@ -118,7 +121,7 @@ class TrackingEnv(EnvBase):
         n, device = self.batch_size[0], self.device
         self.start_frame = torch.zeros(n, dtype=torch.int64, device=device)
         self.episode_step = torch.zeros(n, dtype=torch.int64, device=device)
-        self.previous_action = torch.zeros(n, g1.NUM_JOINTS, device=device)
+        self.previous_action = torch.zeros(n, self.spec.num_joints, device=device)
         self.observed = self.observation_spec[keys.OBSERVATION].zero()
         self.privileged = self.observation_spec[keys.PRIVILEGED].zero()
         self.state: PhysicsState = self.physics.state()
@@ -134,7 +137,7 @@ class TrackingEnv(EnvBase):
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
-        instant = Instant(self.state, self.reference.frame(frame_index))
+        instant = Instant(self.state, self.reference.frame(frame_index), self.spec)
         fallen = fell(instant, self.settings.termination.max_tilt)
         terminated = unstable
         if self.failures:
@@ -241,7 +244,7 @@ class TrackingEnv(EnvBase):
 
     def _observe_start(self, env_ids: Tensor) -> None:
         frame_index = self._frame_index().index_select(0, env_ids)
-        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index))
+        instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index), self.spec)
         action = self.previous_action.index_select(0, env_ids)
         observed, privileged = self._observe(instant, action, frame_index)
         self.observed = self.observed.index_copy(0, env_ids, observed)

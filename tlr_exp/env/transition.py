@@ -9,6 +9,7 @@ from tlr_exp.env.instant import Instant
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -47,3 +48,7 @@ class Transition:
     @property
     def reference(self) -> ReferenceFrame:
         return self.instant.reference
+
+    @property
+    def spec(self) -> RobotSpec:
+        return self.instant.spec

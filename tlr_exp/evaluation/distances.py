@@ -2,21 +2,22 @@
 
 import numpy as np
 
-from tlr_exp.robot import g1
-
 
 def body_distance(body_pos_w: np.ndarray, reference_body_pos_w: np.ndarray) -> np.ndarray:
     """Distance of each body from its reference in m: [T, bodies, 3] twice -> [T, bodies]."""
     return np.linalg.norm(body_pos_w - reference_body_pos_w, axis=-1)
 
 
-def seen_from_the_pelvis(body_pos_w: np.ndarray, root_quat_wxyz: np.ndarray) -> np.ndarray:
+def seen_from_the_pelvis(
+    body_pos_w: np.ndarray, pelvis: int, root_quat_wxyz: np.ndarray
+) -> np.ndarray:
     """Bodies relative to the pelvis, turned by its heading: [T, 27, 3], [T, 4] -> [T, 27, 3].
 
-    The origin is the pelvis, x points where it faces, z up. A motion that as a whole is shifted or
-    turned about the vertical looks the same; one that leans does not.
+    ``pelvis`` is its index among the bodies. The origin is the pelvis, x points where it faces, z
+    up. A motion that as a whole is shifted or turned about the vertical looks the same; one that
+    leans does not.
     """
-    relative = body_pos_w - body_pos_w[:, [g1.PELVIS]]
+    relative = body_pos_w - body_pos_w[:, [pelvis]]
     angle = heading(root_quat_wxyz)[:, None]
     cos, sin = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(relative, -1, 0)

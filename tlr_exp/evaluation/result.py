@@ -18,7 +18,6 @@ from tlr_exp.evaluation.rollout import rollout
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.keys import Ending
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot import g1
 
 
 @dataclass(frozen=True)
@@ -126,9 +125,11 @@ def evaluate_trajectory(
     qpos, reference_qpos = trajectory.qpos, trajectory.reference_qpos
     joint_vel, reference_joint_vel = trajectory.qvel[:, 6:], trajectory.reference_qvel[:, 6:]
     distance = body_distance(trajectory.body_pos_w, trajectory.reference_body_pos_w)
+    upper, lower = trajectory.spec.upper_body, trajectory.spec.lower_body
+    pelvis = trajectory.spec.pelvis
     distance_root = body_distance(
-        seen_from_the_pelvis(trajectory.body_pos_w, qpos[:, 3:7]),
-        seen_from_the_pelvis(trajectory.reference_body_pos_w, reference_qpos[:, 3:7]),
+        seen_from_the_pelvis(trajectory.body_pos_w, pelvis, qpos[:, 3:7]),
+        seen_from_the_pelvis(trajectory.reference_body_pos_w, pelvis, reference_qpos[:, 3:7]),
     )
     tilted, far = tilt(qpos[:, 3:7]) > max_tilt, distance.max(axis=1) > max_distance_m
     delay = latency(reference_qpos[:, 7:], qpos[:, 7:], trajectory.control_dt_s)
@@ -140,10 +141,10 @@ def evaluate_trajectory(
         survival=share_before_first(tilted | far | trajectory.unstable),
         upright=share_before_first(tilted | trajectory.unstable),
         ended_by=ending(trajectory.unstable, tilted, far),
-        upper_body_error_m=float(distance[:, g1.UPPER_BODY].mean()),
-        lower_body_error_m=float(distance[:, g1.LOWER_BODY].mean()),
-        upper_body_error_root_m=float(distance_root[:, g1.UPPER_BODY].mean()),
-        lower_body_error_root_m=float(distance_root[:, g1.LOWER_BODY].mean()),
+        upper_body_error_m=float(distance[:, upper].mean()),
+        lower_body_error_m=float(distance[:, lower].mean()),
+        upper_body_error_root_m=float(distance_root[:, upper].mean()),
+        lower_body_error_root_m=float(distance_root[:, lower].mean()),
         joint_error_rad=float(np.abs(qpos[:, 7:] - reference_qpos[:, 7:]).mean()),
         joint_velocity_error_rad_s=float(np.abs(joint_vel - reference_joint_vel).mean()),
         latency_ms=delay.ms,

@@ -64,6 +64,7 @@ def _trajectory(env: Any, rows: Mapping[str, np.ndarray], start: int) -> Traject
     steps = torch.arange(1, len(rows["qpos"]) + 1, device=env.device)
     reference = env.reference.frame(start + steps + env.settings.reference_lead)
     return Trajectory(
+        spec=env.spec,
         control_dt_s=env.physics.control_dt,
         **{name: rows[name] for name in _OF_THE_STATE},
         reference_qpos=_to_numpy(reference.qpos),

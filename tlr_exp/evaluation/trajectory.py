@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tlr_exp.robot.spec import RobotSpec
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -13,9 +15,10 @@ class Trajectory:
     ``qpos`` and ``qvel`` follow MuJoCo's conventions; ``joint_torque`` is that of the last physics
     step of each control step. ``terms`` holds the raw reward terms by name; ``unstable`` is true
     where the physics state stopped being finite (the states are then those of the last finite
-    instant).
+    instant). Shapes are those of the G1.
     """
 
+    spec: RobotSpec
     control_dt_s: float
     qpos: np.ndarray  # [T, 30]
     reference_qpos: np.ndarray  # [T, 30]

@@ -27,7 +27,6 @@ from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.settings import RobotSettings
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.export.observation_layout import observation_layout
-from tlr_exp.motion.checks import ARRAY_SHAPES
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.ppo.networks import RunningNorm, in_float32
@@ -35,8 +34,8 @@ from tlr_exp.records.outputs import check_free
 from tlr_exp.records.places import plain_text
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import atomic_write
-from tlr_exp.robot import g1
 from tlr_exp.robot.model import Robot, robot_xml
+from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION
 
 OPSET, IR_VERSION = 17, 8  # of 2022: what a robot's computer runs is rarely new
 TOLERANCE = 1e-4
@@ -85,10 +84,10 @@ def onnx_model(choice: Choice, actor: nn.Module, robot: Robot, clip: MotionClip)
             _value("frame", TensorProto.INT64),
         ],
         outputs=[
-            _value("action", TensorProto.FLOAT, g1.NUM_JOINTS),
-            _value("joint_target", TensorProto.FLOAT, g1.NUM_JOINTS),
+            _value("action", TensorProto.FLOAT, robot.spec.num_joints),
+            _value("joint_target", TensorProto.FLOAT, robot.spec.num_joints),
             *(
-                _value(f"reference_{name}", TensorProto.FLOAT, *ARRAY_SHAPES[name])
+                _value(f"reference_{name}", TensorProto.FLOAT, *getattr(clip, name).shape[1:])
                 for name in ReferenceFrame._fields
             ),
         ],
@@ -109,18 +108,18 @@ def metadata_of(choice: Choice, robot: Robot, clip: MotionClip) -> dict[str, Any
     manifest = RunDirectory.open(choice.run).manifest
     origin = manifest.get("policy") or {"run_id": manifest["run_id"]}
     return {
-        "joint_names": list(g1.JOINT_NAMES),
+        "joint_names": list(robot.spec.joint_names),
         "kp": robot.kp.tolist(),
         "kd": robot.kd.tolist(),
         "effort_limit_nm": robot.effort_limit_nm.tolist(),
         "default_joint_pos_rad": robot.default_joint_pos_rad.tolist(),
         "action_scale_rad": robot.action_scale_rad.tolist(),
         "action_is_relative_to": env.action,
-        "control_dt_s": g1.CONTROL_DT_S,
-        "physics_steps": g1.DECIMATION,
+        "control_dt_s": CONTROL_DT_S,
+        "physics_steps": DECIMATION,
         "observation": env.observation,
-        "observation_layout": observation_layout(env.observation),
-        "tracked_bodies": list(g1.TRACKED_BODIES),
+        "observation_layout": observation_layout(env.observation, robot.spec),
+        "tracked_bodies": list(robot.spec.tracked_bodies),
         "reference": {
             "motion": plain_text(choice.motion),
             "num_frames": clip.num_frames,
@@ -128,7 +127,7 @@ def metadata_of(choice: Choice, robot: Robot, clip: MotionClip) -> dict[str, Any
             "lead": env.reference_lead,
             "phase": "frame / (num_frames - 1)",
         },
-        "robot_mjcf": _model_of(env.robot),
+        "robot_mjcf": _model_of(env.robot, robot),
         "run": {
             "name": choice.run.name,
             "iteration": choice.iteration,
@@ -139,9 +138,9 @@ def metadata_of(choice: Choice, robot: Robot, clip: MotionClip) -> dict[str, Any
     }
 
 
-def _model_of(settings: RobotSettings) -> str:
+def _model_of(settings: RobotSettings, robot: Robot) -> str:
     """The robot as one text; empty for a model of one's own, which names files elsewhere."""
-    return robot_xml(settings.gains, settings.collisions) if settings.mjcf is None else ""
+    return "" if settings.mjcf else robot_xml(robot.spec, settings.gains, settings.collisions)
 
 
 class _Nodes:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import torch
 
-from tlr_exp.motion.checks import ARRAY_SHAPES
+from tlr_exp.motion.checks import ARRAYS
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.reference import Reference
 
@@ -23,7 +23,7 @@ def small_clip(clip: MotionClip) -> MotionClip:
     """
     arrays = {
         name: getattr(clip, name).astype(np.float32).astype(np.float64)
-        for name in ARRAY_SHAPES
+        for name in ARRAYS
         if name not in _WHOLE
     }
     small = dataclasses.replace(clip, **arrays)

@@ -2,28 +2,31 @@
 
 import numpy as np
 
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.spec import RobotSpec
 
-# Columns of qpos and qvel: MuJoCo's free joint, then the joints in the order of JOINT_NAMES.
+# Columns of qpos: MuJoCo's free joint, then the robot's joints in their order.
 ROOT_QUAT = slice(3, 7)
 QPOS_JOINTS = slice(7, None)
-NUM_QPOS = 7 + len(JOINT_NAMES)
-NUM_QVEL = 6 + len(JOINT_NAMES)
 
 UNIT_QUAT_TOLERANCE = 1e-3
 
-ARRAY_SHAPES = {
-    "qpos": (NUM_QPOS,),
-    "qvel": (NUM_QVEL,),
-    "body_pos_w": (len(TRACKED_BODIES), 3),
-    "body_quat_w": (len(TRACKED_BODIES), 4),
-    "body_lin_vel_w": (len(TRACKED_BODIES), 3),
-    "body_ang_vel_w": (len(TRACKED_BODIES), 3),
-}
-BODY_ARRAYS = tuple(key for key in ARRAY_SHAPES if key.startswith("body"))
+BODY_WIDTHS = {"body_pos_w": 3, "body_quat_w": 4, "body_lin_vel_w": 3, "body_ang_vel_w": 3}
+ARRAYS = ("qpos", "qvel", *BODY_WIDTHS)
 
 
-def check_names(kind: str, names: tuple[str, ...], ours: tuple[str, ...]) -> None:
+def array_shapes(spec: RobotSpec) -> dict[str, tuple[int, ...]]:
+    """The shape of one frame of each of ``ARRAYS``."""
+    bodies = {key: (spec.num_bodies, width) for key, width in BODY_WIDTHS.items()}
+    return {"qpos": (spec.num_qpos,), "qvel": (spec.num_qvel,), **bodies}
+
+
+def check_names(spec: RobotSpec, joints: tuple[str, ...], bodies: tuple[str, ...]) -> None:
+    """Refuse names of joints or bodies that are not the robot's in their order."""
+    _check_names(spec, "joint", joints, spec.joint_names)
+    _check_names(spec, "body", bodies, spec.tracked_bodies)
+
+
+def _check_names(spec: RobotSpec, kind: str, names: tuple[str, ...], ours: tuple[str, ...]) -> None:
     if names == ours:
         return
     missing = [name for name in ours if name not in names]
@@ -36,16 +39,17 @@ def check_names(kind: str, names: tuple[str, ...], ours: tuple[str, ...]) -> Non
     if not parts:
         parts.append(f"the order or number differs: expected {', '.join(ours)}")
     raise ValueError(
-        f"motion clip: the {kind} names are not those of the 23-joint G1; "
+        f"motion clip: the {kind} names are not those of the {spec.num_joints}-joint {spec.name}; "
         f"{'; '.join(parts)}; the clip has: {', '.join(names)}"
     )
 
 
-def check_shapes(arrays: dict[str, np.ndarray]) -> None:
+def check_shapes(arrays: dict[str, np.ndarray], spec: RobotSpec) -> None:
+    shapes = array_shapes(spec)
     frames = len(arrays["qpos"]) if arrays["qpos"].ndim else 0
     for key, array in arrays.items():
-        if array.shape != (frames, *ARRAY_SHAPES[key]):
-            expected = ", ".join(str(n) for n in ("T", *ARRAY_SHAPES[key]))
+        if array.shape != (frames, *shapes[key]):
+            expected = ", ".join(str(n) for n in ("T", *shapes[key]))
             raise ValueError(
                 f"motion clip: {key} is {list(array.shape)}; expected [{expected}] "
                 f"with the T = {frames} of qpos"

@@ -1,4 +1,4 @@
-"""``MotionClip``: a reference motion of the 23-joint G1, as arrays and as an ``.npz`` file.
+"""``MotionClip``: a reference motion of one robot, as arrays and as an ``.npz`` file.
 
 Every clip is checked when it is made, wherever it comes from, so that whatever holds one may rely
 on its shapes, its names, its units and its joint limits.
@@ -16,9 +16,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tlr_exp.motion.checks import (
-    ARRAY_SHAPES,
-    BODY_ARRAYS,
-    NUM_QPOS,
+    ARRAYS,
+    BODY_WIDTHS,
     QPOS_JOINTS,
     ROOT_QUAT,
     check_finite,
@@ -29,13 +28,13 @@ from tlr_exp.motion.checks import (
 )
 from tlr_exp.motion.joint_limits import check_limits
 from tlr_exp.motion.quaternions import angle_between, continuous, normalised
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import RobotSpec
 
 # How far bodies may be from forward kinematics: room for float32 files and other conventions of
 # rounding, none for another robot.
 MAX_OFFSET_M, MAX_ANGLE_RAD = 0.01, 0.02
-_KEYS = (*ARRAY_SHAPES, "fps", "joint_names", "body_names")
+_KEYS = (*ARRAYS, "fps", "joint_names", "body_names")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +43,18 @@ class MotionClip:
 
     ``qpos`` and ``qvel`` follow MuJoCo: root position and orientation, then the joints; root
     linear velocity in the world frame, root angular velocity in the pelvis frame, then the joints.
-    Body arrays are in the world frame and describe the origins of ``TRACKED_BODIES``.
+    Body arrays are in the world frame and describe the origins of the robot's tracked bodies.
+    Shapes are those of the G1.
 
     Arrays are copied and made read-only. Quaternions are normalised, and their signs chosen so
     that neighbouring frames never jump to the other of the two equal quaternions.
 
     Raises:
-        ValueError: a wrong shape, name, rate or number of frames, a value that is not finite, a
+        ValueError: a wrong shape, rate or number of frames, a value that is not finite, a
             quaternion that is not a unit one, or a joint beyond its limits.
     """
 
+    spec: RobotSpec
     fps: float
     qpos: np.ndarray  # [T, 30]
     qvel: np.ndarray  # [T, 29]
@@ -61,19 +62,15 @@ class MotionClip:
     body_quat_w: np.ndarray  # [T, 27, 4]
     body_lin_vel_w: np.ndarray  # [T, 27, 3]
     body_ang_vel_w: np.ndarray  # [T, 27, 3]
-    joint_names: tuple[str, ...] = JOINT_NAMES
-    body_names: tuple[str, ...] = TRACKED_BODIES
 
     def __post_init__(self) -> None:
-        for key in ("joint_names", "body_names"):
-            object.__setattr__(self, key, tuple(str(name) for name in getattr(self, key)))
         object.__setattr__(self, "fps", float(self.fps))
-        for key in ARRAY_SHAPES:
+        for key in ARRAYS:
             object.__setattr__(self, key, np.array(getattr(self, key), dtype=np.float64))
         self.validate()
         self.qpos[:, ROOT_QUAT] = continuous(self.qpos[:, ROOT_QUAT])
         self.body_quat_w[:] = continuous(self.body_quat_w)
-        for key in ARRAY_SHAPES:
+        for key in ARRAYS:
             getattr(self, key).setflags(write=False)
 
     @property
@@ -91,15 +88,13 @@ class MotionClip:
         Raises:
             ValueError: see the class.
         """
-        check_names("joint", self.joint_names, JOINT_NAMES)
-        check_names("body", self.body_names, TRACKED_BODIES)
         check_fps(self.fps)
-        check_shapes({key: getattr(self, key) for key in ARRAY_SHAPES})
-        for key in ARRAY_SHAPES:
+        check_shapes({key: getattr(self, key) for key in ARRAYS}, self.spec)
+        for key in ARRAYS:
             check_finite(key, getattr(self, key))
         check_unit("the root of qpos", self.qpos[:, ROOT_QUAT])
         check_unit("body_quat_w", self.body_quat_w)
-        check_limits(self.qpos[:, QPOS_JOINTS])
+        check_limits(self.qpos[:, QPOS_JOINTS], self.spec)
 
     def save(self, path: str | Path) -> None:
         """Write the clip as ``.npz``; a reader sees the old file or the whole new one.
@@ -108,15 +103,15 @@ class MotionClip:
             OSError: the folder cannot be written.
         """
         path = Path(path)
-        arrays = {key: getattr(self, key) for key in ARRAY_SHAPES}
+        arrays = {key: getattr(self, key) for key in ARRAYS}
         temporary = path.with_name(f".{path.name}.{uuid4().hex}")
         try:
             with temporary.open("wb") as file:
                 np.savez_compressed(
                     file,
                     fps=np.float64(self.fps),
-                    joint_names=np.array(self.joint_names),
-                    body_names=np.array(self.body_names),
+                    joint_names=np.array(self.spec.joint_names),
+                    body_names=np.array(self.spec.tracked_bodies),
                     **arrays,
                 )
             os.replace(temporary, path)
@@ -125,25 +120,22 @@ class MotionClip:
             raise
 
     @classmethod
-    def load(cls, path: str | Path) -> "MotionClip":
+    def load(cls, path: str | Path, spec: RobotSpec) -> "MotionClip":
         """Read a clip written by ``save``, or by anything that writes the same keys.
 
         Raises:
             FileNotFoundError: there is no such file.
-            ValueError: the file is no clip, or its clip is not valid; the message names the file.
+            ValueError: the file is no clip, of another robot, or not valid; the message names it.
         """
         try:
             with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
                 missing = [key for key in _KEYS if key not in data.files]
                 if missing:
                     raise ValueError(f"it lacks {', '.join(missing)}; it has {data.files}")
-                arrays: dict[str, Any] = {key: data[key] for key in ARRAY_SHAPES}
-                return cls(
-                    fps=data["fps"].item(),
-                    joint_names=tuple(data["joint_names"].tolist()),
-                    body_names=tuple(data["body_names"].tolist()),
-                    **arrays,
-                )
+                joints, bodies = data["joint_names"].tolist(), data["body_names"].tolist()
+                check_names(spec, tuple(joints), tuple(bodies))
+                arrays: dict[str, Any] = {key: data[key] for key in ARRAYS}
+                return cls(spec, fps=data["fps"].item(), **arrays)
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no motion clip {path}") from None
         except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile) as error:
@@ -165,15 +157,16 @@ def clip_from_qpos(qpos: np.ndarray, fps: float, robot: Robot) -> MotionClip:
         ValueError: as ``MotionClip``.
     """
     qpos = np.array(qpos, dtype=np.float64)
-    if qpos.ndim != 2 or qpos.shape[1] != NUM_QPOS or len(qpos) < 2:
-        raise ValueError(f"motion clip: qpos is {qpos.shape}; expected [T >= 2, {NUM_QPOS}]")
+    width = robot.spec.num_qpos
+    if qpos.ndim != 2 or qpos.shape[1] != width or len(qpos) < 2:
+        raise ValueError(f"motion clip: qpos is {qpos.shape}; expected [T >= 2, {width}]")
     check_finite("qpos", qpos)
     check_fps(fps)
     check_unit("the root of qpos", qpos[:, ROOT_QUAT])
     qpos[:, ROOT_QUAT] = continuous(qpos[:, ROOT_QUAT])
     qvel = differentiate_qpos(robot.model, qpos, fps)
     bodies: dict[str, Any] = body_states(robot, qpos, qvel)
-    return MotionClip(fps=fps, qpos=qpos, qvel=qvel, **bodies)
+    return MotionClip(robot.spec, fps=fps, qpos=qpos, qvel=qvel, **bodies)
 
 
 def differentiate_qpos(model: mujoco.MjModel, qpos: np.ndarray, fps: float) -> np.ndarray:
@@ -213,7 +206,7 @@ def body_states(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> dict[str, n
         [T, 27, 3]: world frame, velocities of the bodies' origins.
     """
     model, data, ids = robot.model, mujoco.MjData(robot.model), robot.body_ids
-    out = {key: np.empty((len(qpos), *ARRAY_SHAPES[key])) for key in BODY_ARRAYS}
+    out = {key: np.empty((len(qpos), len(ids), width)) for key, width in BODY_WIDTHS.items()}
     roots = model.body_rootid[ids]
     for t in range(len(qpos)):
         data.qpos[:], data.qvel[:] = qpos[t], qvel[t]

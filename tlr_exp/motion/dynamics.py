@@ -45,7 +45,7 @@ def centroidal(clip: MotionClip, robot: Robot) -> Centroidal:
     """Centre of mass and momentum of each frame."""
     model, data = robot.model, mujoco.MjData(robot.model)
     com, velocity, momentum = (np.empty((clip.num_frames, 3)) for _ in range(3))
-    root = model.body("pelvis").id
+    root = robot.pelvis_id
     for t in range(clip.num_frames):
         data.qpos[:], data.qvel[:] = clip.qpos[t], clip.qvel[t]
         mujoco.mj_kinematics(model, data)

@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tlr_exp.robot.g1 import FOOT_BODIES
 from tlr_exp.robot.model import Robot
 
 _TOUCHING = 1e-4  # m; points this close to the lowest count as the sole
@@ -25,7 +24,7 @@ def foot_geoms(robot: Robot, side: int) -> list[int]:
     geoms = [g for g in mine if g in paired]
     geoms = geoms or [g for g in mine if model.geom_contype[g] or model.geom_conaffinity[g]]
     if not geoms:
-        raise ValueError(f"no geom of {FOOT_BODIES[side]} can touch the floor")
+        raise ValueError(f"no geom of {robot.spec.foot_names[side]} can touch the floor")
     return geoms
 
 
@@ -88,5 +87,4 @@ def hip_offset(robot: Robot, side: int) -> np.ndarray:
     data.qpos[:] = 0.0
     data.qpos[3] = 1.0
     mujoco.mj_kinematics(model, data)
-    hip = FOOT_BODIES[side].replace("ankle_roll", "hip_roll")
-    return data.body(hip).xpos - data.body("pelvis").xpos
+    return data.body(robot.spec.hip_names[side]).xpos - data.xpos[robot.pelvis_id]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tlr_exp.motion.checks import QPOS_JOINTS
-from tlr_exp.robot.g1 import JOINT_NAMES, joint_tables
+from tlr_exp.robot.spec import RobotSpec
 
 # Clips retargeted from people often rest on a joint limit or a little beyond it.
 LIMIT_TOLERANCE_RAD = 0.05
@@ -15,13 +15,13 @@ def beyond_limits(joint_pos: np.ndarray, range_rad: np.ndarray) -> np.ndarray:
     return np.maximum(low - joint_pos, joint_pos - high)
 
 
-def furthest_beyond(joint_pos: np.ndarray, range_rad: np.ndarray) -> tuple[float, str]:
+def furthest_beyond(joint_pos: np.ndarray, spec: RobotSpec) -> tuple[float, str]:
     """How far the worst of joints [T, 23] is beyond its limits, rad; and words that name it."""
-    beyond = beyond_limits(joint_pos, range_rad)
+    beyond = beyond_limits(joint_pos, spec.joint_range_rad)
     frame, joint = np.unravel_index(beyond.argmax(), beyond.shape)
-    low, high = range_rad[joint]
+    low, high = spec.joint_range_rad[joint]
     return beyond[frame, joint], (
-        f"{JOINT_NAMES[joint]} is {joint_pos[frame, joint]:.3f} rad at frame {frame}; "
+        f"{spec.joint_names[joint]} is {joint_pos[frame, joint]:.3f} rad at frame {frame}; "
         f"its range is [{low:.3f}, {high:.3f}] rad"
     )
 
@@ -33,12 +33,12 @@ def clamp_joints(qpos: np.ndarray, range_rad: np.ndarray) -> np.ndarray:
     return clamped
 
 
-def check_limits(joint_pos: np.ndarray) -> None:
-    """Refuse joints [T, 23] that are beyond the limits of the 23-joint G1.
+def check_limits(joint_pos: np.ndarray, spec: RobotSpec) -> None:
+    """Refuse joints [T, 23] that are beyond the robot's limits.
 
     Raises:
         ValueError: names the worst joint.
     """
-    beyond, words = furthest_beyond(joint_pos, joint_tables("beyondmimic")["joint_range_rad"])
+    beyond, words = furthest_beyond(joint_pos, spec)
     if beyond > LIMIT_TOLERANCE_RAD:
         raise ValueError(f"motion clip: {words} (tolerance {LIMIT_TOLERANCE_RAD})")

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.motion.checks import ARRAY_SHAPES
 from tlr_exp.motion.clip import MotionClip
 
 
@@ -42,9 +41,11 @@ class Reference:
         self.num_frames = clip.num_frames
         self.device = torch.device(device)
         # One row a frame holds everything, so that a look-up is a single gather.
-        rows = [getattr(clip, key).reshape(clip.num_frames, -1) for key in ReferenceFrame._fields]
+        arrays = [getattr(clip, key) for key in ReferenceFrame._fields]
+        rows = [array.reshape(clip.num_frames, -1) for array in arrays]
         self._rows = torch.as_tensor(np.hstack(rows), dtype=torch.float32, device=self.device)
         self._widths = [row.shape[1] for row in rows]
+        self._shapes = [array.shape[1:] for array in arrays]
 
     def frame(self, index: Tensor) -> ReferenceFrame:
         """The reference at whole frames.
@@ -56,7 +57,7 @@ class Reference:
         parts = rows.split(self._widths, dim=1)
         return ReferenceFrame(
             *(
-                part.unflatten(1, ARRAY_SHAPES[key]) if len(ARRAY_SHAPES[key]) > 1 else part
-                for key, part in zip(ReferenceFrame._fields, parts, strict=True)
+                part.unflatten(1, shape) if len(shape) > 1 else part
+                for shape, part in zip(self._shapes, parts, strict=True)
             )
         )

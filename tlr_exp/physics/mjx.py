@@ -23,16 +23,9 @@ from torch import Tensor
 
 from tlr_exp.config.checks import check_at_least, check_choice
 from tlr_exp.errors import UserError
-from tlr_exp.physics.state import (
-    NUM_QPOS,
-    NUM_QVEL,
-    PhysicsState,
-    check_joint_target,
-    check_reset,
-    check_saved_state,
-)
-from tlr_exp.robot.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, NUM_JOINTS, PELVIS
+from tlr_exp.physics.state import PhysicsState, check_joint_target, check_reset, check_saved_state
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION
 
 with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missing
     from mujoco import mjx
@@ -75,6 +68,7 @@ class MjxPhysics:
         check_at_least("num_envs", num_envs, 1)
         self.check_settings(impl, max_contacts, max_constraints)
         _check_package(impl)
+        spec = self.spec = robot.spec
         self.num_envs = num_envs
         self.control_dt = CONTROL_DT_S
         default = "cuda" if torch.cuda.is_available() else "cpu"
@@ -88,7 +82,7 @@ class MjxPhysics:
             step = _batched_step(advance, _kinematics_program(robot))
             restart = _batched_restart(_kinematics_program(robot))
             # Compiled for these shapes now: no later call can set off a second compilation.
-            widths = (NUM_QPOS, NUM_QVEL, NUM_QVEL, NUM_JOINTS)
+            widths = (spec.num_qpos, spec.num_qvel, spec.num_qvel, spec.num_joints)
             state = [jnp.zeros((num_envs, width)) for width in widths]
             self._step = jax.jit(step).lower(*state).compile()
             # Run once, too: MuJoCo Warp compiles its kernels at their first use.
@@ -96,7 +90,7 @@ class MjxPhysics:
             mask = jnp.zeros(num_envs, bool)
             self._restart = jax.jit(restart).lower(self._arrays, mask, *state[:2]).compile()
         qpos0 = torch.from_numpy(robot.model.qpos0).expand(num_envs, -1)
-        self.set_state(torch.arange(num_envs), qpos0, torch.zeros(num_envs, NUM_QVEL))
+        self.set_state(torch.arange(num_envs), qpos0, torch.zeros(num_envs, spec.num_qvel))
 
     @staticmethod
     def check_settings(impl: str, max_contacts: int, max_constraints: int) -> None:
@@ -112,7 +106,7 @@ class MjxPhysics:
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step; see ``Physics.step``."""
-        check_joint_target(joint_target, self.num_envs)
+        check_joint_target(joint_target, self.num_envs, self.spec)
         now = self._arrays
         start = (now["qpos"], now["qvel"], now["qacc_warmstart"])
         # Wait: the target's memory is the caller's again afterwards.
@@ -121,7 +115,7 @@ class MjxPhysics:
 
     def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Reset some environments; see ``Physics.set_state``."""
-        check_reset(env_ids, qpos, qvel, self.num_envs)
+        check_reset(env_ids, qpos, qvel, self.num_envs, self.spec)
         if env_ids.numel() == 0:
             return
         env_ids = env_ids.to(self.device)
@@ -189,7 +183,7 @@ def _advance_program(robot: Robot, impl: str, room: dict[str, Any]) -> Callable:
         warn = options.warn_overflow & ~_ITERATION_LIMITS
         mjx_model = mjx_model.tree_replace({"opt._impl.warn_overflow": warn})
     blank = mjx.make_data(model, impl=impl, **room)
-    foot_address = int(robot.model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0])
+    foot_address = int(robot.model.sensor(f"{robot.spec.foot_names[0]}_contact").adr[0])
 
     def foot_force(data: mjx.Data) -> jax.Array:
         if impl == "warp":
@@ -207,7 +201,7 @@ def _advance_program(robot: Robot, impl: str, room: dict[str, Any]) -> Callable:
             return moved, None
 
         now = {"qpos": qpos, "qvel": qvel, "qacc_warmstart": warmstart}
-        now |= {"joint_torque": jnp.zeros(NUM_JOINTS), "foot_contact_force": jnp.zeros((2, 3))}
+        now |= {"joint_torque": jnp.zeros(model.nu), "foot_contact_force": jnp.zeros((2, 3))}
         return jax.lax.scan(substep, now, length=DECIMATION)[0]
 
     return advance
@@ -218,7 +212,7 @@ def _kinematics_program(robot: Robot) -> Callable:
     model = _without_sensors(robot.model)
     mjx_model = mjx.put_model(model, impl="jax")
     blank = mjx.make_data(model, impl="jax")
-    bodies, root = robot.body_ids, int(robot.body_ids[PELVIS])
+    bodies, root = robot.body_ids, robot.pelvis_id
 
     def kinematics(qpos: jax.Array, qvel: jax.Array) -> Arrays:
         data = blank.replace(qpos=qpos, qvel=qvel)

@@ -20,8 +20,9 @@ from tlr_exp.physics.state import (
     check_reset,
     check_saved_state,
 )
-from tlr_exp.robot.g1 import CONTROL_DT_S, DECIMATION, FOOT_BODIES, PELVIS
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import SIDES
+from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION
 
 _FORCES = ("joint_torque", "foot_contact_force")  # outputs of a step, no part of MuJoCo's state
 _INSTABILITY = ("Nan, Inf or huge value", "Inertia matrix is too close to singular")
@@ -49,6 +50,7 @@ class NativePhysics:
     ) -> None:
         check_at_least("num_envs", num_envs, 1)
         self.check_settings(num_threads)
+        self.spec = robot.spec
         self.num_envs = num_envs
         self.control_dt = CONTROL_DT_S
         self.device = torch.device(device)
@@ -65,7 +67,7 @@ class NativePhysics:
         self._qvel = self._batch.bind("qvel")
         self._ctrl = self._batch.bind("ctrl")
         self._actuator_force = self._batch.bind("actuator_force")
-        foot_address = model.sensor(f"{FOOT_BODIES[0]}_contact").adr[0]
+        foot_address = model.sensor(f"{robot.spec.foot_names[0]}_contact").adr[0]
         self._sensed_force = self._batch.bind("sensordata")[:, foot_address : foot_address + 6]
         self._bodies = _BodyReader(self._batch, robot)
         self._unused = self._batch.state[0].copy()  # the whole state of a new simulation
@@ -74,7 +76,7 @@ class NativePhysics:
         # whatever changes it replaces the arrays and writes into none.
         self._now = self._read_motion() | {
             "joint_torque": np.zeros((num_envs, model.nu), np.float32),
-            "foot_contact_force": np.zeros((num_envs, len(FOOT_BODIES), 3), np.float32),
+            "foot_contact_force": np.zeros((num_envs, len(SIDES), 3), np.float32),
         }
 
     @staticmethod
@@ -84,7 +86,7 @@ class NativePhysics:
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step; see ``Physics.step``."""
-        check_joint_target(joint_target, self.num_envs)
+        check_joint_target(joint_target, self.num_envs, self.spec)
         self._ctrl[:] = joint_target.detach().cpu().numpy()
         try:
             with _engine_warnings():
@@ -95,7 +97,7 @@ class NativePhysics:
             self._qpos[error.ids] = np.nan
             self._qvel[error.ids] = np.nan
             warnings.warn(str(error), RuntimeWarning, stacklevel=2)
-        foot_force = self._sensed_force.astype(np.float32).reshape(-1, len(FOOT_BODIES), 3)
+        foot_force = self._sensed_force.astype(np.float32).reshape(-1, len(SIDES), 3)
         self._now = self._read_motion() | {
             "joint_torque": self._actuator_force.astype(np.float32),
             "foot_contact_force": foot_force,
@@ -104,7 +106,7 @@ class NativePhysics:
 
     def set_state(self, env_ids: Tensor, qpos: Tensor, qvel: Tensor) -> None:
         """Reset some environments; see ``Physics.set_state``."""
-        check_reset(env_ids, qpos, qvel, self.num_envs)
+        check_reset(env_ids, qpos, qvel, self.num_envs, self.spec)
         ids = env_ids.cpu().numpy()
         order = ids.argsort()
         ids = ids[order]
@@ -165,7 +167,7 @@ class _BodyReader:
         self._xpos, self._xquat = batch.bind("xpos"), batch.bind("xquat")
         self._cvel, self._com = batch.bind("cvel"), batch.bind("subtree_com")
         self._ids = robot.body_ids
-        self._root_id = robot.body_ids[PELVIS]
+        self._root_id = robot.pelvis_id
 
     def read(self, env_ids: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """``PhysicsState``'s body fields, fresh float32 arrays; of everyone, or of ``env_ids``."""

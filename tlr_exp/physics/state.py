@@ -7,17 +7,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tlr_exp.robot.g1 import NUM_JOINTS
-
-NUM_QPOS = 7 + NUM_JOINTS
-NUM_QVEL = 6 + NUM_JOINTS
+from tlr_exp.robot.spec import RobotSpec
 
 
 class PhysicsState(NamedTuple):
     """The robots at one instant: positions, velocities and body poses belong to the same time.
 
-    Batches over environments, float32, world frame, SI units. Bodies are in the order of
-    ``g1.TRACKED_BODIES``, joints in that of ``JOINT_NAMES``. ``qpos`` and ``qvel`` follow MuJoCo:
+    Batches over environments, float32, world frame, SI units. Bodies and joints are in the order
+    of the robot's spec; shapes are those of the G1. ``qpos`` and ``qvel`` follow MuJoCo:
     ``qpos`` is the pelvis position, its quaternion wxyz and the joint angles; ``qvel`` is the
     pelvis linear velocity in the world frame, its angular velocity in the BODY frame and the joint
     velocities. Torques and contact forces are those of the last physics step; both are
@@ -76,17 +73,17 @@ def is_finite(value: Tensor) -> bool:
     return bool(torch.isfinite(value).all())
 
 
-def check_joint_target(joint_target: Tensor, num_envs: int) -> None:
+def check_joint_target(joint_target: Tensor, num_envs: int, spec: RobotSpec) -> None:
     """Refuse joint targets that no engine could follow.
 
     Raises:
-        ValueError: not of shape [num_envs, 23], or not finite. MuJoCo would quietly put zeros in
-            the place of a target that is not finite.
+        ValueError: not of shape [num_envs, num_joints], or not finite. MuJoCo would quietly put
+            zeros in the place of a target that is not finite.
     """
-    if joint_target.shape != (num_envs, NUM_JOINTS):
+    if joint_target.shape != (num_envs, spec.num_joints):
         raise ValueError(
             f"joint_target has the shape {list(joint_target.shape)}; "
-            f"expected [{num_envs}, {NUM_JOINTS}]"
+            f"expected [{num_envs}, {spec.num_joints}]"
         )
     if not is_finite(joint_target):
         bad = torch.nonzero(~torch.isfinite(joint_target).all(dim=1)).flatten()
@@ -96,12 +93,14 @@ def check_joint_target(joint_target: Tensor, num_envs: int) -> None:
         )
 
 
-def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> None:
+def check_reset(
+    env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int, spec: RobotSpec
+) -> None:
     """Refuse a reset that names an environment twice or that starts from an invalid state.
 
     Args:
         env_ids: [n] int64; any order, each at most once.
-        qpos, qvel: [n, 30] and [n, 29].
+        qpos, qvel: [n, num_qpos] and [n, num_qvel].
 
     Raises:
         ValueError: wrong shape, unknown or repeated environment, or a state that is not finite.
@@ -111,7 +110,7 @@ def check_reset(env_ids: Tensor, qpos: Tensor, qvel: Tensor, num_envs: int) -> N
         raise ValueError(
             f"env_ids must be a vector of integers, not {env_ids.dtype} {list(env_ids.shape)}"
         )
-    for name, value, width in (("qpos", qpos, NUM_QPOS), ("qvel", qvel, NUM_QVEL)):
+    for name, value, width in (("qpos", qpos, spec.num_qpos), ("qvel", qvel, spec.num_qvel)):
         if value.shape != (count, width):
             raise ValueError(
                 f"{name} has the shape {list(value.shape)}; expected [{count}, {width}] "

@@ -11,69 +11,62 @@ from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, stretches
 from tlr_exp.records.storage import atomic_write
-from tlr_exp.robot.g1 import ARM, JOINT_NAMES, LEG, TRACKED_BODIES, WAIST
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import SIDES, RobotSpec
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 LEFT, RIGHT, MIDDLE, LIMIT, FLIGHT = "#0072B2", "#D55E00", "#333333", "#CC3311", "#F0E442"
 DPI = 110
+_COLORS = {"left": LEFT, "right": RIGHT, "": MIDDLE}  # by the side of a joint
 # The left is broad and light, so that it shows where the right lies on it.
 _LINES = {
     LEFT: {"color": LEFT, "linewidth": 2.8, "alpha": 0.5},
     RIGHT: {"color": RIGHT, "linewidth": 1.1},
     MIDDLE: {"color": MIDDLE, "linewidth": 1.2},
 }
-_BODIES = (  # name, label, colour, line style
-    ("head", "head", MIDDLE, ":"),
-    ("pelvis", "pelvis", MIDDLE, "-"),
-    ("left_hand", "left hand", LEFT, "--"),
-    ("right_hand", "right hand", RIGHT, "--"),
-    ("left_ankle_roll_link", "left foot", LEFT, "-"),
-    ("right_ankle_roll_link", "right foot", RIGHT, "-"),
-)
 
 
 def joint_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
-    """Positions and velocities of the 23 joints, left and right in one panel.
+    """Positions and velocities of the joints, left and right in one panel.
 
     What is beyond a joint's limits is shaded; where a limit is out of sight it is written in.
     Roll and yaw joints of the right side change sign, so that both sides have the same limits.
     """
     figure = Figure(figsize=(19, 9), layout="constrained")
     figure.suptitle(title)
-    axes = figure.subplots(4, 7, sharex=True)
-    for column, kind in enumerate(LEG):
-        _joint_panels(axes[:2, column], clip, robot, kind)
-    for column, kind in enumerate((*WAIST, *ARM)):
-        _joint_panels(axes[2:, column], clip, robot, kind)
+    legs, upper = robot.spec.legs, (*robot.spec.waist, *robot.spec.arms)
+    axes = figure.subplots(4, max(len(legs) + 1, len(upper)), sharex=True)
+    for rows, kinds in ((axes[:2], legs), (axes[2:], upper)):
+        for column, kind in enumerate(kinds):
+            _joint_panels(rows[:, column], clip, robot, kind)
+        for axis in rows[:, len(kinds) :].flat:
+            axis.axis("off")
     for row, text in enumerate(["rad", "rad/s"] * 2):
         axes[row, 0].set_ylabel(text)
     for axis in axes[3]:
         axis.set_xlabel("s")
-    for axis in axes[:2, 6]:
-        axis.axis("off")
+    corner = axes[0, -1]
     handles = [
-        axes[0, 6].plot([], [], label=label, **_LINES[color])[0]
+        corner.plot([], [], label=label, **_LINES[color])[0]
         for color, label in (
             *((LEFT, "left"), (RIGHT, "right (roll and yaw mirrored)"), (MIDDLE, "waist")),
         )
     ]
-    handles.append(axes[0, 6].fill_between([], [], [], color=LIMIT, alpha=0.15, label="beyond"))
-    axes[0, 6].legend(handles=handles, loc="center left", frameon=False)
+    handles.append(corner.fill_between([], [], [], color=LIMIT, alpha=0.15, label="beyond"))
+    corner.legend(handles=handles, loc="center left", frameon=False)
     return figure
 
 
 def _joint_panels(axes: np.ndarray, clip: MotionClip, robot: Robot, kind: str) -> None:
     position, speed = clip.qpos[:, QPOS_JOINTS], clip.qvel[:, 6:]
-    sides = ("",) if kind.startswith("waist") else ("left_", "right_")
-    lines = (_LINES[MIDDLE],) if len(sides) == 1 else (_LINES[LEFT], _LINES[RIGHT])
     time = np.arange(clip.num_frames) / clip.fps
-    for side, line in zip(sides, lines, strict=True):
-        joint = JOINT_NAMES.index(f"{side}{kind}_joint")
-        mirror = -1.0 if side == "right_" and kind.endswith(("roll", "yaw")) else 1.0
-        axes[0].plot(time, mirror * position[:, joint], **line)
-        axes[1].plot(time, mirror * speed[:, joint], **line)
-    first = JOINT_NAMES.index(f"{sides[0]}{kind}_joint")
+    joints = [i for i, joint in enumerate(robot.spec.joints) if joint.kind == kind]
+    for joint in joints:
+        side = robot.spec.joints[joint].side
+        mirror = -1.0 if side == "right" and kind in robot.spec.mirrored else 1.0
+        axes[0].plot(time, mirror * position[:, joint], **_LINES[_COLORS[side]])
+        axes[1].plot(time, mirror * speed[:, joint], **_LINES[_COLORS[side]])
+    first = joints[0]
     low, high = robot.joint_range_rad[first]
     fastest = robot.velocity_limit_rad_s[first]
     axes[0].set_title(kind.replace("_", " "), fontsize=10)
@@ -109,8 +102,7 @@ def body_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     )
     time = np.arange(clip.num_frames) / clip.fps
     speeds = np.linalg.norm(clip.body_lin_vel_w, axis=-1)
-    for name, label, color, style in _BODIES:
-        body = TRACKED_BODIES.index(name)
+    for body, label, color, style in _shown_bodies(robot.spec):
         line = {**_LINES[color], "linestyle": style}
         height.plot(time, clip.body_pos_w[:, body, 2], label=label, **line)
         speed.plot(time, speeds[:, body], label=label, **line)
@@ -124,17 +116,33 @@ def body_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     )
     _contact_bars(contact, clip, floor)
     # Half a frame before and after, so that each frame's colour is around its time.
-    extent = (-0.5 / clip.fps, time[-1] + 0.5 / clip.fps, len(TRACKED_BODIES) - 0.5, -0.5)
+    names = [name.removesuffix("_link") for name in robot.spec.tracked_bodies]
+    extent = (-0.5 / clip.fps, time[-1] + 0.5 / clip.fps, len(names) - 0.5, -0.5)
     colors = image.imshow(
         speeds.T, aspect="auto", cmap="viridis", extent=extent, vmin=0.0, interpolation="nearest"
     )
-    image.set_yticks(range(len(TRACKED_BODIES)), [n.removesuffix("_link") for n in TRACKED_BODIES])
+    image.set_yticks(range(len(names)), names)
     image.tick_params(axis="y", labelsize=7)
     image.set_xlabel("s")
     figure.colorbar(colors, ax=image, label="speed, m/s", pad=0.01)
     for axis in (height, speed):
         axis.grid(alpha=0.3)
     return figure
+
+
+def _shown_bodies(spec: RobotSpec) -> list[tuple[int, str, str, str]]:
+    """The ends of the body: index, label, colour, line style."""
+    middle = ((spec.head_name, "head", MIDDLE, ":"), (spec.pelvis_name, "pelvis", MIDDLE, "-"))
+    pairs = (("hand", spec.hand_names, "--"), ("foot", spec.foot_names, "-"))
+    sided = (
+        (name, f"{side} {what}", _COLORS[side], style)
+        for what, names, style in pairs
+        for side, name in zip(SIDES, names, strict=True)
+    )
+    return [
+        (spec.tracked_bodies.index(name), label, color, style)
+        for name, label, color, style in (*middle, *sided)
+    ]
 
 
 def _contact_bars(axis: Axes, clip: MotionClip, floor: FloorContacts) -> None:

@@ -9,42 +9,42 @@ from matplotlib.figure import Figure
 from tlr_exp.evaluation.distances import body_distance
 from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
-from tlr_exp.robot import g1
+from tlr_exp.robot.spec import SIDES, RobotSpec
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 _REFERENCE, _ROBOT, _UPPER, _LOWER, _END = "#333333", "#0072B2", "#D55E00", "#0072B2", "#CC3311"
-# Rows of the figure of joints: the two legs, and arms and waist beside one another.
-_GRID = (
-    tuple(f"left_{name}" for name in g1.LEG),
-    tuple(f"right_{name}" for name in g1.LEG),
-    (*(f"left_{name}" for name in g1.ARM), *g1.WAIST[:2]),
-    (*(f"right_{name}" for name in g1.ARM), g1.WAIST[2]),
-)
+
+
+def _joint_rows(spec: RobotSpec) -> list[list[int]]:
+    """Rows of the figure of joints: the two legs, and arms and waist beside one another."""
+    half = (len(spec.waist) + 1) // 2
+    waist = dict(zip(SIDES, (spec.waist[:half], spec.waist[half:]), strict=True))
+    limbs = [(side, spec.legs) for side in SIDES]
+    limbs += [(side, (*spec.arms, *waist[side])) for side in SIDES]
+    place = {(joint.side, joint.kind): i for i, joint in enumerate(spec.joints)}
+    return [
+        [place["" if kind in spec.waist else side, kind] for kind in kinds] for side, kinds in limbs
+    ]
 
 
 def joint_error_figure(trajectory: Trajectory, title: str) -> Figure:
-    """The 23 joints over the time in s: robot and reference in rad, and the mean of |error|."""
+    """The joints over the time in s: robot and reference in rad, and the mean of |error|."""
     figure = Figure(figsize=(17, 9.5), layout="constrained")
     figure.suptitle(title)
-    axes = figure.subplots(4, 6, sharex=True)
-    time = _time(trajectory)
-    for axis, name in zip(axes.flat, [name for row in _GRID for name in row], strict=False):
-        joint = 7 + g1.JOINT_NAMES.index(f"{name}_joint")
-        robot, reference = trajectory.qpos[:, joint], trajectory.reference_qpos[:, joint]
-        axis.plot(time, reference, color=_REFERENCE, linewidth=1.0, label="reference")
-        axis.plot(time, robot, color=_ROBOT, linewidth=1.2, label="robot")
-        axis.fill_between(time, reference, robot, color=_ROBOT, alpha=0.15, linewidth=0)
-        error = np.abs(robot - reference).mean()
-        axis.set_title(f"{name.replace('_', ' ')}: {error:.3f} rad", fontsize=10)
-        axis.tick_params(labelsize=8)
-        axis.grid(alpha=0.3)
-    for row in axes:
-        row[0].set_ylabel("rad")
-    for axis in (*axes[3, :5], axes[2, 5]):
-        axis.set_xlabel("s")
-    axes[2, 5].tick_params(labelbottom=True)
-    last = axes[3, 5]
-    last.axis("off")
+    rows = _joint_rows(trajectory.spec)
+    axes = figure.subplots(len(rows), max(map(len, rows)), sharex=True, squeeze=False)
+    for panels, joints in zip(axes, rows, strict=True):
+        for axis, joint in zip(panels, joints, strict=False):
+            _joint_panel(axis, trajectory, joint)
+        panels[0].set_ylabel("rad")
+        for axis in panels[len(joints) :]:
+            axis.axis("off")
+    # The lowest panel of each column has the times.
+    for column in axes.T:
+        lowest = [axis for axis in column if axis.axison][-1]
+        lowest.set_xlabel("s")
+        lowest.tick_params(labelbottom=True)
+    last = axes[-1, -1]
     last.legend(
         *axes[0, 0].get_legend_handles_labels(),
         title="in titles: mean |error|",
@@ -52,6 +52,18 @@ def joint_error_figure(trajectory: Trajectory, title: str) -> Figure:
         frameon=False,
     )
     return figure
+
+
+def _joint_panel(axis: Axes, trajectory: Trajectory, joint: int) -> None:
+    robot, reference = trajectory.qpos[:, 7 + joint], trajectory.reference_qpos[:, 7 + joint]
+    time = _time(trajectory)
+    axis.plot(time, reference, color=_REFERENCE, linewidth=1.0, label="reference")
+    axis.plot(time, robot, color=_ROBOT, linewidth=1.2, label="robot")
+    axis.fill_between(time, reference, robot, color=_ROBOT, alpha=0.15, linewidth=0)
+    name = trajectory.spec.joint_names[joint].removesuffix("_joint").replace("_", " ")
+    axis.set_title(f"{name}: {np.abs(robot - reference).mean():.3f} rad", fontsize=10)
+    axis.tick_params(labelsize=8)
+    axis.grid(alpha=0.3)
 
 
 def body_error_figure(trajectory: Trajectory, result: EvaluationResult, title: str) -> Figure:
@@ -63,7 +75,8 @@ def body_error_figure(trajectory: Trajectory, result: EvaluationResult, title: s
     time = _time(trajectory)
     mean, image, bars = axes[0, 0], axes[1, 0], axes[1, 1]
     axes[0, 1].axis("off")
-    groups = (("upper body", g1.UPPER_BODY, _UPPER), ("lower body", g1.LOWER_BODY, _LOWER))
+    spec = trajectory.spec
+    groups = (("upper body", spec.upper_body, _UPPER), ("lower body", spec.lower_body, _LOWER))
     for label, bodies, color in groups:
         mean.plot(time, distance[:, bodies].mean(axis=1), color=color, label=label)
     _mark_end(mean, result.upright, "fell", trajectory, "-")
@@ -87,11 +100,11 @@ def body_error_figure(trajectory: Trajectory, result: EvaluationResult, title: s
         **{"aspect": "auto", "cmap": "viridis", "extent": extent, "vmin": 0.0},
         interpolation="nearest",
     )
-    names = [g1.TRACKED_BODIES[body].removesuffix("_link") for body in order]
+    names = [spec.tracked_bodies[body].removesuffix("_link") for body in order]
     image.set_yticks(range(len(order)), names, fontsize=8)
     image.set_xlabel("s")
     figure.colorbar(colors, ax=image, label="distance, m", location="left", pad=0.01)
-    shades = [_UPPER if body in g1.UPPER_BODY else _LOWER for body in order]
+    shades = [_UPPER if body in spec.upper_body else _LOWER for body in order]
     bars.barh(range(len(order)), distance[:, order].mean(axis=0), color=shades)
     bars.set_ylim(len(order) - 0.5, -0.5)
     bars.set_yticks([])

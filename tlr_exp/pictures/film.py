@@ -10,7 +10,6 @@ from tlr_exp.pictures.clip_pictures import FOLLOW_HEIGHT_S, FOLLOW_S
 from tlr_exp.pictures.framing import frame_robots
 from tlr_exp.pictures.media import write_video
 from tlr_exp.pictures.render import Camera, follow_pelvis, render_frames
-from tlr_exp.robot import g1
 from tlr_exp.robot.model import Robot
 
 FRAME_RATE_HZ = 25.0
@@ -75,7 +74,8 @@ def camera_path(trajectory: Trajectory) -> np.ndarray:
 def captions(trajectory: Trajectory, shown: np.ndarray) -> list[str]:
     """Time, phase and the errors of the steps ``shown``, one text each."""
     distance = body_distance(trajectory.body_pos_w, trajectory.reference_body_pos_w)
-    upper, lower = distance[:, g1.UPPER_BODY].mean(axis=1), distance[:, g1.LOWER_BODY].mean(axis=1)
+    spec = trajectory.spec
+    upper, lower = (distance[:, b].mean(axis=1) for b in (spec.upper_body, spec.lower_body))
     return [
         f"{(k + 1) * trajectory.control_dt_s:.2f} s   phase {(k + 1) / trajectory.num_steps:.2f}\n"
         f"upper body {upper[k]:.3f} m   lower body {lower[k]:.3f} m"

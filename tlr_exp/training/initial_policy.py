@@ -11,11 +11,12 @@ import yaml
 from torch import Tensor, nn
 
 from tlr_exp.assembly.learner import build_ppo
+from tlr_exp.assembly.robot import spec_of
 from tlr_exp.config.input_files import INITIAL
 from tlr_exp.config.load import ConfigError, value_at
 from tlr_exp.config.settings import Settings
 from tlr_exp.config.versions import of_any_version
-from tlr_exp.env.observations import OBSERVATION_DIMS
+from tlr_exp.env.observations import observation_dims
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.records.checkpoint import CheckpointError, load_checkpoint
 from tlr_exp.records.checkpoint_files import initial_checkpoint
@@ -139,7 +140,9 @@ def _other_layers(name: str, there: State, own: State, settings: Settings) -> It
         yield f"its {name} has no layers"
         return
     if sizes[0] != own_sizes[0] and name == ACTOR:
-        known = [key for key, dim in OBSERVATION_DIMS.items() if dim == sizes[0]]
+        known = [
+            key for key, dim in observation_dims(spec_of(settings.env)).items() if dim == sizes[0]
+        ]
         hint = f" (env.observation={known[0]})" if known else ""
         yield (
             f"it sees {sizes[0]} numbers{hint}, "

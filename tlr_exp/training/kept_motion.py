@@ -20,7 +20,7 @@ def kept_motion(run: RunDirectory, clip: MotionClip) -> MotionClip:
     """
     path = run.motion_path
     if path.exists():
-        return MotionClip.load(path)
+        return MotionClip.load(path, clip.spec)
     with storage_errors(f"cannot write {path}", ELSEWHERE):
         clip.save(path)
         sync_file(path)

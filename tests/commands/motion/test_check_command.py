@@ -8,6 +8,7 @@ import pytest
 from tlr_exp.commands.motion import main
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.quality.floor import floor_contacts
+from tlr_exp.robot.g1 import G1
 
 
 @pytest.fixture
@@ -59,15 +60,15 @@ def test_a_file_that_is_no_clip_fails_and_the_others_are_checked(paths, tmp_path
 def test_fix_writes_the_clip_and_says_what_it_changed(paths, tmp_path, capsys):
     before, output = paths["deep"].read_bytes(), tmp_path / "fixed.npz"
     assert main(["check", "--fix", str(paths["deep"]), "-o", str(output)]) == 0
-    good = MotionClip.load(paths["good"])
-    np.testing.assert_allclose(MotionClip.load(output).qpos, good.qpos, atol=1e-9)
+    good = MotionClip.load(paths["good"], G1)
+    np.testing.assert_allclose(MotionClip.load(output, G1).qpos, good.qpos, atol=1e-9)
     assert f"{paths['deep']}: moved the whole clip by +40.0 mm" in capsys.readouterr().out
     assert paths["deep"].read_bytes() == before
 
 
 def test_fix_says_what_it_left(paths, tmp_path, robot, capsys):
     """A robot that slides at 0.6 m/s: to plant its feet would be to invent another motion."""
-    qpos = np.tile(MotionClip.load(paths["good"]).qpos[0], (41, 1))
+    qpos = np.tile(MotionClip.load(paths["good"], G1).qpos[0], (41, 1))
     qpos[:, 1] += 0.6 * np.arange(41) / 50
     sliding, output = tmp_path / "sliding.npz", tmp_path / "fixed.npz"
     clip_from_qpos(qpos, 50.0, robot).save(sliding)
@@ -77,7 +78,7 @@ def test_fix_says_what_it_left(paths, tmp_path, robot, capsys):
     assert "nothing to change" in out
     assert "Not repaired" in out
     assert "foot sliding" in out.splitlines()[-1]
-    assert MotionClip.load(output).num_frames == 41
+    assert MotionClip.load(output, G1).num_frames == 41
     assert main([*command, "--force", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["changes"] == []
@@ -88,7 +89,7 @@ def test_join_writes_one_clip(paths, tmp_path, capsys):
     output = tmp_path / "joined.npz"
     clips = [str(paths["good"]), str(paths["high"])]
     assert main(["join", *clips, "-o", str(output), "--blend", "0.4"]) == 0
-    joined = MotionClip.load(output)
+    joined = MotionClip.load(output, G1)
     assert joined.num_frames == 81
     out = capsys.readouterr().out
     assert f"{paths['high']}: begins at 0.80 s, turned by 4.6° and moved by" in out

@@ -11,6 +11,7 @@ from tlr_exp.commands.motion import main
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.quality.floor import floor_contacts
+from tlr_exp.robot.g1 import G1
 
 
 def csv_of(clip: MotionClip, path: Path) -> Path:
@@ -25,7 +26,7 @@ def test_import_writes_a_clip_and_a_report(tmp_path, short_clip, capsys):
     output = tmp_path / "clip.npz"
     table = csv_of(short_clip, tmp_path / "walk.csv")
     assert main(["import", str(table), "--fps", "50", "-o", str(output)]) == 0
-    np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
+    np.testing.assert_allclose(MotionClip.load(output, G1).qpos, short_clip.qpos, atol=1e-9)
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
         f"{table}: lafan1, 41 frames at 50 fps, joints in the order of mujoco",
@@ -75,7 +76,7 @@ def test_a_table_in_centimetres_with_the_scalar_first(tmp_path, short_clip, caps
     assert "give --units cm --quaternion wxyz (or --anyway" in capsys.readouterr().err
     assert not output.exists()
     assert main([*command, "--units", "cm", "--quaternion", "wxyz"]) == 0
-    np.testing.assert_allclose(MotionClip.load(output).qpos, short_clip.qpos, atol=1e-9)
+    np.testing.assert_allclose(MotionClip.load(output, G1).qpos, short_clip.qpos, atol=1e-9)
 
 
 def test_what_an_import_changed_is_said(tmp_path, short_clip, capsys):
@@ -109,7 +110,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, short_clip, capsys):
     assert "--force" in capsys.readouterr().err
     assert output.read_text() == "mine"
     assert main(["import", str(table), "-o", str(output), "--force"]) == 0
-    assert MotionClip.load(output).fps == 50
+    assert MotionClip.load(output, G1).fps == 50
 
 
 def test_a_refused_file_leaves_the_old_clip(tmp_path, capsys):

@@ -12,7 +12,7 @@ from tlr_exp.motion.authoring.plan import BodyTargets
 from tlr_exp.motion.authoring.script import KeyframeError
 from tlr_exp.motion.clip import clip_from_qpos
 from tlr_exp.motion.dynamics import centroidal, inverse_dynamics
-from tlr_exp.robot.g1 import FOOT_BODIES, TRACKED_BODIES
+from tlr_exp.robot.g1 import G1
 
 TIMES = np.arange(20) / 50
 
@@ -57,7 +57,7 @@ def test_turning_inertia_is_the_momentum_of_small_turns_found_by_inverse_kinemat
     clip, _ = authored("jump")
     t, angle = round(1.5 * clip.fps), 1e-3
     com = centroidal(clip, robot).com[t]
-    feet = [TRACKED_BODIES.index(foot) for foot in FOOT_BODIES]
+    feet = [G1.tracked_bodies.index(foot) for foot in G1.foot_names]
     columns = []
     for axis in np.eye(3):
         turns = Rotation.from_rotvec(np.outer([-angle, 0.0, angle], axis))

@@ -9,7 +9,7 @@ from tlr_exp.motion.authoring.balance import SLOW_SPEED_M_S
 from tlr_exp.motion.clip import kinematics_error
 from tlr_exp.motion.dynamics import centroidal, inverse_dynamics
 from tlr_exp.motion.feet import foot_extremes, sole_points
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.g1 import G1
 
 LIMIT_MARGIN_RAD = 0.05
 MAX_JOINT_JERK_RAD_S3 = 1000.0
@@ -22,7 +22,7 @@ def pose(gym_clip, gym_plan):
 
     def of(keyframe: str, body: str) -> np.ndarray:
         (time,) = (t for name, t in gym_plan.names.items() if name.startswith(keyframe))
-        return gym_clip.body_pos_w[round(time * gym_clip.fps), TRACKED_BODIES.index(body)]
+        return gym_clip.body_pos_w[round(time * gym_clip.fps), G1.tracked_bodies.index(body)]
 
     return of
 
@@ -32,7 +32,7 @@ def soles(robot, gym_clip):
     """Lowest points of the feet over time [2, T] and sole points in the world [2][T, n, 3]."""
     lowest, points = [], []
     for side, foot in enumerate(("left_ankle_roll_link", "right_ankle_roll_link")):
-        body = TRACKED_BODIES.index(foot)
+        body = G1.tracked_bodies.index(foot)
         rotations = np.empty((gym_clip.num_frames, 9))
         for t, quat in enumerate(gym_clip.body_quat_w[:, body]):
             mujoco.mju_quat2Mat(rotations[t], quat)
@@ -140,7 +140,7 @@ def test_joints_keep_a_margin_from_their_limits(gym_clip, robot):
 
 
 def test_knees_stay_bent(gym_clip):
-    knees = [7 + i for i, name in enumerate(JOINT_NAMES) if "knee" in name]
+    knees = [7 + i for i, name in enumerate(G1.joint_names) if "knee" in name]
     assert gym_clip.qpos[:, knees].min() > 0.3
 
 

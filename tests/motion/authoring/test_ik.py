@@ -8,7 +8,7 @@ import pytest
 
 from tlr_exp.motion.authoring.ik import BodySolver, HandSolver
 from tlr_exp.motion.authoring.plan import LIMIT_MARGIN_RAD, BodyTargets
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +16,7 @@ def targets(robot) -> BodyTargets:
     """Five frames that lower, turn and tilt the pelvis above two feet that stand still."""
     steps = np.linspace(0, 1, 5)
     joints = np.zeros((5, 23))
-    joints[:, JOINT_NAMES.index("left_elbow_joint")] = steps
+    joints[:, G1.joint_names.index("left_elbow_joint")] = steps
     half = 0.1 * steps
     return BodyTargets(
         times_s=steps,
@@ -87,7 +87,7 @@ def test_hand_gets_to_its_target(robot, side):
     angles = HandSolver(robot)(side, target, [0.2, sign * 0.2, 0.0, 0.6])
     data = mujoco.MjData(robot.model)
     data.qpos[3] = 1.0
-    first = 7 + JOINT_NAMES.index(f"{side}_shoulder_pitch_joint")
+    first = 7 + G1.joint_names.index(f"{side}_shoulder_pitch_joint")
     data.qpos[first : first + 4] = angles
     mujoco.mj_kinematics(robot.model, data)
     torso = data.body("torso_link").xpos

@@ -8,7 +8,7 @@ from tlr_exp.motion.authoring.keyframes import build_clip
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.dynamics import centroidal, inverse_dynamics
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
-from tlr_exp.robot.g1 import FOOT_BODIES, TRACKED_BODIES
+from tlr_exp.robot.g1 import G1
 
 # gym_motion has a file of its own.
 LIBRARY = ("jump", "kick", "run", "side_step", "squat", "stand", "walk", "wave")
@@ -35,7 +35,7 @@ def place(authored):
     def of(motion: str, when: str | float, body: str) -> np.ndarray:
         clip, plan = authored(motion)
         time_s = plan.names[when] if isinstance(when, str) else when
-        return clip.body_pos_w[round(time_s * clip.fps), TRACKED_BODIES.index(body)]
+        return clip.body_pos_w[round(time_s * clip.fps), G1.tracked_bodies.index(body)]
 
     return of
 
@@ -71,7 +71,7 @@ def test_it_begins_and_ends_at_rest_in_the_default_stance(clip, authored):
 def test_standing_feet_stay_flat_where_they_are(authored, name):
     clip, plan = authored(name)
     for side, path in enumerate(plan.feet):
-        foot = clip.body_pos_w[:, TRACKED_BODIES.index(FOOT_BODIES[side])]
+        foot = clip.body_pos_w[:, G1.tracked_bodies.index(G1.foot_names[side])]
         edges = np.diff(np.concatenate([[0], path.on_floor, [0]]).astype(int))
         for start, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
             assert np.abs(foot[start:end] - foot[start]).max() < 1e-3
@@ -190,7 +190,7 @@ def test_arms_swing_against_the_legs(place):
 def test_side_step_goes_to_the_left_and_never_crosses_the_feet(authored, place):
     clip, _ = authored("side_step")
     assert place("side_step", 8.0, "pelvis")[1] == pytest.approx(0.393, abs=0.01)
-    left, right = (clip.body_pos_w[:, TRACKED_BODIES.index(foot), 1] for foot in FOOT_BODIES)
+    left, right = (clip.body_pos_w[:, G1.tracked_bodies.index(foot), 1] for foot in G1.foot_names)
     assert (left - right).min() > 0.15
 
 
@@ -209,5 +209,5 @@ def test_jump_takes_both_feet_off_the_floor(authored, robot):
     assert com[up : down + 1].max() - com[[up, down]].mean() == pytest.approx(
         GRAVITY * 0.24**2 / 8, abs=2e-3
     )
-    feet = clip.body_pos_w[:, [TRACKED_BODIES.index(foot) for foot in FOOT_BODIES], 2]
+    feet = clip.body_pos_w[:, [G1.tracked_bodies.index(foot) for foot in G1.foot_names], 2]
     assert (feet[(up + down) // 2] - feet[0]).min() > 0.06

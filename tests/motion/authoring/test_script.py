@@ -5,11 +5,12 @@ import math
 import pytest
 
 from tlr_exp.motion.authoring.script import KeyframeError, Script, Swing, read_script
+from tlr_exp.robot.g1 import G1
 
 
 def read(*keyframes: str, head: str = "", solve_hand=None) -> Script:
     text = head + "\nkeyframes:\n" + "".join(f"  - {{{keyframe}}}\n" for keyframe in keyframes)
-    return read_script(text, solve_hand)  # pyright: ignore[reportArgumentType]
+    return read_script(text, G1, solve_hand)  # pyright: ignore[reportArgumentType]
 
 
 def test_times_rate_and_names():
@@ -172,4 +173,4 @@ def test_unreachable_hand_is_named():
 )
 def test_files_that_are_no_scripts(text, message):
     with pytest.raises(KeyframeError, match=message):
-        read_script(text, lambda side, target, start: start)
+        read_script(text, G1, lambda side, target, start: start)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.robot.g1 import JOINT_NAMES, LINK_NAMES
+from tlr_exp.robot.g1 import G1
 
 # Written out, so that the order does not come from the code under test.
 LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
@@ -45,8 +45,8 @@ def link(joint: str) -> str:
 def joints_in(order: list[str], clip: MotionClip) -> np.ndarray:
     """[T, n] of the clip in that order, the wrists turned by a constant."""
     columns = [
-        clip.qpos[:, 7 + JOINT_NAMES.index(name)]
-        if name in JOINT_NAMES
+        clip.qpos[:, 7 + G1.joint_names.index(name)]
+        if name in G1.joint_names
         else np.full(clip.num_frames, WRIST_ANGLE_RAD)
         for name in order
     ]
@@ -60,9 +60,9 @@ def poses_in(order: list[str], clip: MotionClip) -> tuple[np.ndarray, np.ndarray
     quat = np.zeros((clip.num_frames, len(names), 4))
     quat[..., 0] = 1
     for i, name in enumerate(names):
-        if name in LINK_NAMES:
-            pos[:, i] = clip.body_pos_w[:, LINK_NAMES.index(name)]
-            quat[:, i] = clip.body_quat_w[:, LINK_NAMES.index(name)]
+        if name in G1.link_names:
+            pos[:, i] = clip.body_pos_w[:, G1.link_names.index(name)]
+            quat[:, i] = clip.body_quat_w[:, G1.link_names.index(name)]
     return pos, quat
 
 
@@ -101,14 +101,14 @@ def pbhc(clip: MotionClip) -> bytes:
 def gmr_motion(clip: MotionClip) -> dict:
     """Bodies in the frame of the pelvis, by scipy's matrices rather than our quaternions."""
     turn = Rotation.from_quat(clip.qpos[:, [4, 5, 6, 3]]).as_matrix()
-    offset = clip.body_pos_w[:, : len(LINK_NAMES)] - clip.qpos[:, None, :3]
+    offset = clip.body_pos_w[:, : len(G1.link_names)] - clip.qpos[:, None, :3]
     return {
         "fps": 50,
         "root_pos": clip.qpos[:, :3],
         "root_rot": clip.qpos[:, [4, 5, 6, 3]],
         "dof_pos": joints_in(MUJOCO_ORDER, clip),
         "local_body_pos": np.einsum("tji,tbj->tbi", turn, offset),
-        "link_body_list": list(LINK_NAMES),
+        "link_body_list": list(G1.link_names),
     }
 
 
@@ -161,9 +161,9 @@ def locomujoco_arrays(clip: MotionClip) -> dict:
         "qpos": np.concatenate([clip.qpos[:, :7], joints_in(order, clip)], axis=1),
         "qvel": np.zeros((clip.num_frames, 35)),
         "joint_names": np.array(["root", *order]),
-        "body_names": np.array(["world", *LINK_NAMES]),
+        "body_names": np.array(["world", *G1.link_names]),
         "xpos": np.concatenate(
-            [np.zeros((clip.num_frames, 1, 3)), clip.body_pos_w[:, : len(LINK_NAMES)]], axis=1
+            [np.zeros((clip.num_frames, 1, 3)), clip.body_pos_w[:, : len(G1.link_names)]], axis=1
         ),
         "split_points": np.array([0, clip.num_frames]),
         "frequency": 50.0,
@@ -176,8 +176,9 @@ def locomujoco(clip: MotionClip) -> bytes:
 
 
 def own(clip: MotionClip) -> bytes:
-    arrays = {key: getattr(clip, key) for key in vars(clip)}
-    return npz(**arrays)
+    arrays = {key: value for key, value in vars(clip).items() if key != "spec"}
+    names = {"joint_names": G1.joint_names, "body_names": G1.tracked_bodies}
+    return npz(**arrays, **names)
 
 
 WRITERS: dict[str, Callable[[MotionClip], bytes]] = {

@@ -21,9 +21,9 @@ from wild_files import FORMATS, WILD
 from tlr_exp.motion.importers.convert import CLAMP_RAD, import_motion
 from tlr_exp.motion.importers.files.containers import MAX_BYTES
 from tlr_exp.motion.importers.raw import MotionFileError
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
-KNEE = JOINT_NAMES.index("left_knee_joint")
+KNEE = G1.joint_names.index("left_knee_joint")
 KNEE_MAX_RAD = 2.8798
 
 

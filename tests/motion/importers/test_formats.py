@@ -26,7 +26,7 @@ from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
 from tlr_exp.motion.quaternions import angle_between, continuous
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 REAL = Path(__file__).parents[4] / "shared" / "motions"
 
@@ -91,7 +91,7 @@ def test_bodies_that_fit_no_joint_order(written, robot, short_clip):
 
 
 def test_23_joints_in_isaac_order(written, robot, short_clip):
-    order = [name for name in ISAAC_ORDER if name in JOINT_NAMES]
+    order = [name for name in ISAAC_ORDER if name in G1.joint_names]
     imported = import_motion(written(npz(**tracking(order, short_clip))), robot)
     assert imported.raw.joint_order == "isaac"
     np.testing.assert_allclose(imported.clip.qpos, short_clip.qpos, atol=1e-6)

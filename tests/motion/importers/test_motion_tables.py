@@ -10,6 +10,7 @@ from wild_files import NAMED, bones_seed, lafan1_rows, text
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
 from tlr_exp.motion.importers.readings.columns import joint_of, plain, understand
+from tlr_exp.robot.g1 import G1
 
 ROOT = ["x", "y", "z", "qx", "qy", "qz", "qw"]
 
@@ -199,12 +200,12 @@ def test_a_row_that_is_wrong_is_named(written, robot, short_clip):
     ],
 )
 def test_names_of_joints(given, joint):
-    assert joint_of(plain(given)) == joint
+    assert joint_of(plain(given), G1) == joint
 
 
 def test_names_of_other_columns():
-    columns = understand(("Time (s)", "Frame", "pelvis_x", "q_w", "root.quat.x", "yaw", "foo"))
-    assert understand(("rot_x", "rot_y", "rot_z")).euler == {"x": 0, "y": 1, "z": 2}
+    columns = understand(("Time (s)", "Frame", "pelvis_x", "q_w", "root.quat.x", "yaw", "foo"), G1)
+    assert understand(("rot_x", "rot_y", "rot_z"), G1).euler == {"x": 0, "y": 1, "z": 2}
     assert (columns.time, columns.frame, columns.position) == (0, 1, {"x": 2})
     assert (columns.quaternion, columns.euler) == ({"w": 3, "x": 4}, {"z": 5})
     assert columns.unknown == ["foo"]

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.importers.raw import MotionFileError, Options
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 # Where the first model of the G1 (2024) has the frames of its leg, from its parent's: place (m)
 # and turn about y (degrees); hip pitch, hip roll, hip yaw, knee, ankle pitch, ankle roll.
@@ -77,7 +77,7 @@ def test_locomujoco_before_its_first_version(written, robot):
         world = np.array([arrays["q_pelvis_tx"][t], 0.0, 0.755]) + pelvis.apply(place)
         np.testing.assert_allclose(clip.body_pos_w[t, foot], world, atol=0.02)
     waist = [f"waist_{name}_joint" for name in ("yaw", "roll", "pitch")]
-    columns = [7 + JOINT_NAMES.index(name) for name in waist]
+    columns = [7 + G1.joint_names.index(name) for name in waist]
     np.testing.assert_allclose(clip.qpos[:, columns], np.tile([0.2, 0, 0], (41, 1)), atol=1e-9)
 
 

@@ -15,6 +15,7 @@ from tlr_exp.motion.importers.readings.conventions import interpret
 from tlr_exp.motion.importers.readings.joints import in_order
 from tlr_exp.motion.importers.readings.plausible import check_plausible
 from tlr_exp.motion.importers.readings.stance import StanceMeter
+from tlr_exp.robot.g1 import G1
 
 # From the world of a robot (z up) to one whose y axis points up.
 TO_Y_UP = Rotation.from_euler("x", -90, degrees=True)
@@ -62,7 +63,7 @@ def y_up_positions(rows: np.ndarray) -> np.ndarray:
 
 
 def isaac(rows: np.ndarray) -> np.ndarray:
-    names = [MUJOCO_ORDER.index(name) for name in in_order(29, "isaac")]
+    names = [MUJOCO_ORDER.index(name) for name in in_order(29, "isaac", G1)]
     return np.hstack([rows[:, :7], rows[:, 7:][:, names]])
 
 
@@ -144,7 +145,7 @@ def lying(robot) -> np.ndarray:
 
 def test_lying_on_the_floor_is_a_motion(robot):
     recorded = of_qpos(lying(robot), 30.0)
-    raw = interpret(recorded, recorded.conventions)
+    raw = interpret(recorded, recorded.conventions, robot.spec)
     stance = StanceMeter(robot).measure(raw)
     assert not stance.stands
     assert stance.fault == ""
@@ -162,7 +163,9 @@ def of_qpos(qpos: np.ndarray, fps: float) -> Recorded:
 def test_motions_as_they_are_pass(name, heading, robot, authored):
     clip = turned(authored(name)[0], heading, robot)
     recorded = of_qpos(clip.qpos, clip.fps)
-    check_plausible(recorded, interpret(recorded, recorded.conventions), robot, Options(), 0.2)
+    check_plausible(
+        recorded, interpret(recorded, recorded.conventions, robot.spec), robot, Options(), 0.2
+    )
 
 
 def test_what_is_measured(robot):

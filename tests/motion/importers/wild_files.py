@@ -9,7 +9,7 @@ from foreign_files import ISAAC_ORDER, MUJOCO_ORDER, joints_in, link, npz, poses
 from scipy.spatial.transform import Rotation
 
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 
 def text(rows: np.ndarray, separator: str = ",", names: Sequence[str] = ()) -> bytes:
@@ -25,7 +25,7 @@ def lafan1_rows(clip: MotionClip, order: Sequence[str] = MUJOCO_ORDER) -> np.nda
 
 
 def table_23(clip: MotionClip) -> bytes:
-    return text(lafan1_rows(clip, JOINT_NAMES))
+    return text(lafan1_rows(clip, G1.joint_names))
 
 
 def timed(clip: MotionClip) -> bytes:

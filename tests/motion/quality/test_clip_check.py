@@ -10,7 +10,7 @@ from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
 from tlr_exp.motion.quality.jumps import accelerations, rotation_steps
 from tlr_exp.motion.quality.limits import LIMITS, Limit
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 MOTIONS = Path(__file__).parents[4] / "shared" / "motions"
 GRAVITY = 9.81
@@ -27,7 +27,7 @@ def found(robot, make_clip):
 
 
 def column(joint: str) -> int:
-    return 7 + JOINT_NAMES.index(f"{joint}_joint")
+    return 7 + G1.joint_names.index(f"{joint}_joint")
 
 
 def bad(findings: dict) -> set[str]:

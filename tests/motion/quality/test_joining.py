@@ -7,7 +7,7 @@ from tlr_exp.motion.clip import clip_from_qpos, resample
 from tlr_exp.motion.quality.joining import join_clips
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quaternions import angle_between, from_euler, heading, rotate
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.g1 import G1
 
 
 def moved(qpos: np.ndarray, yaw: float, x: float, y: float, z: float = 0.0) -> np.ndarray:
@@ -50,7 +50,7 @@ def test_the_next_clip_goes_on_where_the_last_ends(swaying_clip, standing, make_
     np.testing.assert_array_equal(joined.qpos[:100], swaying_clip.qpos[:100])
     assert seam.height_gap_m == pytest.approx(end[2] - standing[0, 2])
     gap = np.abs(end[7:] - standing[0, 7:])
-    assert (seam.joint_gap_rad, seam.joint) == (gap.max(), JOINT_NAMES[gap.argmax()])
+    assert (seam.joint_gap_rad, seam.joint) == (gap.max(), G1.joint_names[gap.argmax()])
 
 
 def test_nothing_jumps_at_a_seam(swaying_clip, gym_clip, robot):
@@ -70,7 +70,7 @@ def test_other_rates_are_resampled(swaying_clip, robot):
 
 def test_joints_stay_within_their_limits(standing, make_clip, robot):
     """A knee near its limit that is still moving towards it is stopped at it, and that is said."""
-    knee = 7 + JOINT_NAMES.index("left_knee_joint")
+    knee = 7 + G1.joint_names.index("left_knee_joint")
     limit = robot.joint_range_rad[knee - 7, 1]
     first, second = standing.copy(), standing.copy()
     first[:, knee] = np.linspace(limit - 2.0, limit - 0.005, 61)

@@ -8,11 +8,11 @@ from tlr_exp.motion.quality.check import check_clip
 from tlr_exp.motion.quality.floor import floor_contacts
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.repairs import repair_clip
-from tlr_exp.motion.quality.smoothing import CHANNELS, mend
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.motion.quality.smoothing import channels, mend
+from tlr_exp.robot.g1 import G1
 
-KNEE = 7 + JOINT_NAMES.index("left_knee_joint")
-SHOULDER = 7 + JOINT_NAMES.index("left_shoulder_pitch_joint")
+KNEE = 7 + G1.joint_names.index("left_knee_joint")
+SHOULDER = 7 + G1.joint_names.index("left_shoulder_pitch_joint")
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_shaking_is_filtered_without_delay(robot, standing, make_clip):
 def test_no_jump_no_change():
     time = np.arange(100) / 50
     values = np.sin(3 * time)[:, None]
-    after, how = mend(values, CHANNELS[-1], 50.0)
+    after, how = mend(values, channels(G1)[-1], 50.0)
     assert how == ""
     assert after is values
 
@@ -176,8 +176,8 @@ def test_a_sliding_foot_is_left_as_it_is(standing, make_clip, robot):
 
 
 def test_every_channel_of_qpos_is_covered():
-    covered = np.concatenate([np.arange(30)[channel.columns] for channel in CHANNELS])
+    covered = np.concatenate([np.arange(30)[channel.columns] for channel in channels(G1)])
     np.testing.assert_array_equal(np.sort(covered), np.arange(30))
-    assert {channel.limit for channel in CHANNELS} == {
+    assert {channel.limit for channel in channels(G1)} == {
         LIMITS[name] for name in ("root jump", "root rotation jump", "joint jump")
     }

@@ -17,7 +17,6 @@ from tlr_exp.motion.clip import MotionClip, kinematics_error
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.dynamics import inverse_dynamics
 from tlr_exp.motion.quaternions import angle_between
-from tlr_exp.robot.g1 import JOINT_NAMES
 from tlr_exp.robot.model import Robot, build_robot
 
 _NAME_WIDTH, _LEAST_TEXT_WIDTH = 12, 40
@@ -45,13 +44,13 @@ def _measures(clip: MotionClip, robot: Robot) -> list[str]:
     travel = float(np.linalg.norm(np.diff(root[:, :2], axis=0), axis=1).sum())
     turn = angle_between(clip.qpos[:1, ROOT_QUAT], clip.qpos[:, ROOT_QUAT]).max()
     speed = np.abs(clip.qvel[:, 6:]) / robot.velocity_limit_rad_s
-    fastest = int(speed.max(axis=0).argmax())
+    fastest = robot.spec.joint_names[int(speed.max(axis=0).argmax())]
     position, angle = kinematics_error(clip, robot)
     return [
         f"pelvis: height {root[:, 2].min():.3f} to {root[:, 2].max():.3f} m, path {travel:.2f} m, "
         f"turned from the start by at most {np.degrees(turn):.0f} degrees",
         f"lowest body origin: {clip.body_pos_w[..., 2].min():.3f} m",
-        f"fastest joint: {JOINT_NAMES[fastest]}, {100 * speed.max():.0f} % of its speed limit",
+        f"fastest joint: {fastest}, {100 * speed.max():.0f} % of its speed limit",
         f"forward kinematics: bodies differ by at most {position * 1000:.3f} mm and "
         f"{np.degrees(angle):.3f} degrees",
     ]
@@ -66,7 +65,7 @@ def _demands(clip: MotionClip, robot: Robot) -> list[str]:
     weight = mujoco.mj_getTotalmass(robot.model) * np.linalg.norm(robot.model.opt.gravity)
     hardest = int(effort.unmet_force.argmax())
     return [
-        f"largest torque: {JOINT_NAMES[joint]} at {frame / clip.fps:.2f} s, "
+        f"largest torque: {robot.spec.joint_names[joint]} at {frame / clip.fps:.2f} s, "
         f"{100 * share.max():.0f} % of its limit (better below 60 %)",
         f"floor on a foot: up to {left:.0f} N left, {right:.0f} N right; the robot weighs "
         f"{weight:.0f} N",

@@ -12,7 +12,6 @@ from scipy.sparse.linalg import spsolve
 from tlr_exp.motion.authoring.script import KeyframeError
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.dynamics import centroidal
-from tlr_exp.robot.g1 import JOINT_NAMES
 from tlr_exp.robot.model import Robot
 
 _LEAST_STAND_S = 0.1  # on the floor before, between and after flights
@@ -112,7 +111,7 @@ def turning_inertia(qpos: np.ndarray, robot: Robot) -> np.ndarray:
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    pelvis = model.body("pelvis").id
+    pelvis = robot.pelvis_id
     rows = []
     for body in robot.foot_body_ids:
         place, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -121,9 +120,8 @@ def turning_inertia(qpos: np.ndarray, robot: Robot) -> np.ndarray:
     mass, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacSubtreeCom(model, data, mass, pelvis)
     mujoco.mj_jacBody(model, data, None, turn, pelvis)
-    legs = ("hip", "knee", "ankle")
-    upper = [i for i, name in enumerate(JOINT_NAMES) if not any(leg in name for leg in legs)]
-    system = np.concatenate([*rows, mass, np.eye(model.nv)[[6 + i for i in upper]], turn])
+    upper = [6 + i for i in robot.spec.upper_joints]
+    system = np.concatenate([*rows, mass, np.eye(model.nv)[upper], turn])
     motion = np.linalg.lstsq(system, np.eye(len(system))[:, -3:])[0]
     momentum = np.zeros((3, model.nv))
     mujoco.mj_angmomMat(model, data, momentum, pelvis)

@@ -6,9 +6,9 @@ from scipy.optimize import least_squares
 
 from tlr_exp.motion.authoring.mink_alone import mink
 from tlr_exp.motion.authoring.plan import LIMIT_MARGIN_RAD, BodyTargets
-from tlr_exp.motion.checks import NUM_QPOS, QPOS_JOINTS, ROOT_QUAT
-from tlr_exp.robot.g1 import FOOT_BODIES, JOINT_NAMES, joint_tables
+from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import SIDES
 
 _STEP_TOLERANCE = 1e-7  # rad and m; the last step of Newton's method is smaller
 _MAX_STEPS = 40
@@ -39,17 +39,16 @@ class BodySolver:
     """
 
     def __init__(self, robot: Robot) -> None:
-        model = robot.model
+        model, self.spec = robot.model, robot.spec
         self.configuration = mink.Configuration(model)
-        self.feet = [mink.FrameTask(name, "body", 10.0, 10.0) for name in FOOT_BODIES]
-        self.pelvis = mink.FrameTask("pelvis", "body", 0.0, 3.0)
+        self.feet = [mink.FrameTask(name, "body", 10.0, 10.0) for name in self.spec.foot_names]
+        self.pelvis = mink.FrameTask(self.spec.pelvis_name, "body", 0.0, 3.0)
         self.height = _HeightTask(3.0)
         self.com = mink.ComTask([1.0, 1.0, 0.0])
         self.falls = False  # whether the height of the centre of mass is held, not the pelvis's
-        upper = np.array(
-            [not any(leg in n for leg in ("hip", "knee", "ankle")) for n in JOINT_NAMES]
-        )
-        self.posture = mink.PostureTask(model, np.concatenate([np.zeros(6), 3.0 * upper]))
+        held = np.zeros(self.spec.num_qvel)
+        held[[6 + i for i in self.spec.upper_joints]] = 3.0
+        self.posture = mink.PostureTask(model, held)
         self.limits = {
             strict: [mink.ConfigurationLimit(model, 1.0, LIMIT_MARGIN_RAD if strict else 0.0)]
             for strict in (False, True)
@@ -71,11 +70,11 @@ class BodySolver:
         self.falls = strict and targets.com_height is not None
         self.com.set_cost([1.0, 1.0, 1.0 if self.falls else 0.0])
         self.height.cost[:] = 0.0 if self.falls else 3.0
-        qpos = np.empty((frames, NUM_QPOS))
-        start = np.zeros(NUM_QPOS)
+        qpos = np.empty((frames, self.spec.num_qpos))
+        start = np.zeros(self.spec.num_qpos)
         start[:2], start[2] = targets.com_xy[0], targets.pelvis_height[0]
         start[ROOT_QUAT] = targets.pelvis_quat[0]
-        start[QPOS_JOINTS] = joint_tables("beyondmimic")["default_joint_pos_rad"]
+        start[QPOS_JOINTS] = self.spec.stance.joint_pos_rad
         self.configuration.update(start)
         for t in range(frames):
             self._aim(targets, t)
@@ -91,7 +90,7 @@ class BodySolver:
         self.height.target = targets.pelvis_height[t]
         height = 0.0 if targets.com_height is None else targets.com_height[t]
         self.com.set_target(np.append(targets.com_xy[t], height))
-        posture = np.zeros(NUM_QPOS)
+        posture = np.zeros(self.spec.num_qpos)
         posture[3] = 1.0
         posture[QPOS_JOINTS] = targets.joint_pos[t]
         self.posture.set_target(posture)
@@ -130,9 +129,8 @@ class BodySolver:
         joints = self.configuration.q[QPOS_JOINTS]
         low, high = self.configuration.model.jnt_range[1:].T
         room = np.minimum(joints - low, high - joints)
-        return [
-            n for n, gap in zip(JOINT_NAMES, room, strict=True) if gap < LIMIT_MARGIN_RAD + 1e-3
-        ]
+        names = zip(self.spec.joint_names, room, strict=True)
+        return [name for name, gap in names if gap < LIMIT_MARGIN_RAD + 1e-3]
 
 
 class HandSolver:
@@ -140,7 +138,7 @@ class HandSolver:
 
     def __init__(self, robot: Robot) -> None:
         self.model, self.data = robot.model, mujoco.MjData(robot.model)
-        self.range = robot.joint_range_rad
+        self.spec = robot.spec
 
     def __call__(self, side: str, target_m: list[float], start: list[float]) -> list[float]:
         """Angles [4] in radians, near ``start`` where the hand leaves a choice.
@@ -148,12 +146,8 @@ class HandSolver:
         Raises:
             ValueError: the arm cannot reach the target.
         """
-        joints = [
-            i
-            for i, name in enumerate(JOINT_NAMES)
-            if name.startswith(f"{side}_") and ("shoulder" in name or "elbow" in name)
-        ]
-        low, high = self.range[joints].T
+        joints = list(self.spec.arm(side))
+        low, high = self.spec.joint_range_rad[joints].T
         low, high = low + LIMIT_MARGIN_RAD, high - LIMIT_MARGIN_RAD
         begin = np.clip(start, low + 1e-3, high - 1e-3)
 
@@ -172,8 +166,9 @@ class HandSolver:
         self.data.qpos[3] = 1.0
         self.data.qpos[[7 + i for i in joints]] = angles
         mujoco.mj_kinematics(self.model, self.data)
-        torso = self.data.body("torso_link")
-        offset = self.data.body(f"{side}_hand").xpos - torso.xpos
+        torso = self.data.body(self.spec.torso_name)
+        hand = self.spec.hand_names[SIDES.index(side)]
+        offset = self.data.body(hand).xpos - torso.xpos
         return torso.xmat.reshape(3, 3).T @ offset
 
 

@@ -29,7 +29,6 @@ from tlr_exp.motion.clip import MotionClip, check_consistency, clip_from_qpos
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.motion.dynamics import centroidal
 from tlr_exp.motion.feet import sole_points
-from tlr_exp.robot.g1 import joint_tables
 from tlr_exp.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -41,7 +40,6 @@ _PASSES = 4
 _FLIGHT_PASSES = 9  # with flights, whose momentum each pass brings nearer to a constant
 # Light feet need a long lever. Motions without flight keep at least their weight in it.
 _LEAST_LOAD_IN_FLIGHT = 0.3
-_COM_BELOW_PELVIS_M = 0.09
 
 
 def load_motion(name_or_path: str | Path, robot: Robot) -> MotionClip:
@@ -56,7 +54,7 @@ def load_motion(name_or_path: str | Path, robot: Robot) -> MotionClip:
     """
     path = Path(name_or_path)
     if path.suffix == ".npz":
-        clip = MotionClip.load(path)
+        clip = MotionClip.load(path, robot.spec)
         check_consistency(clip, robot, str(path))
         return clip
     if path.suffix in (".yaml", ".yml"):
@@ -87,9 +85,9 @@ def build_clip(text: str, robot: Robot) -> MotionClip:
     # Only here: the inverse kinematics takes long to import, and a cached clip needs none.
     from tlr_exp.motion.authoring.ik import BodySolver, HandSolver
 
-    script = read_script(text, HandSolver(robot))
+    script = read_script(text, robot.spec, HandSolver(robot))
     plan, solver = MotionPlan(script, robot), BodySolver(robot)
-    mass = _point_mass(plan)
+    mass = _point_mass(plan, robot.spec.stance.com_below_pelvis_m)
     for number in range((_FLIGHT_PASSES if plan.flights else _PASSES) - 1):
         clip = _one_pass(plan, mass, solver, robot, strict=False)
         measured = _measure(clip, plan, robot)
@@ -114,14 +112,14 @@ def _one_pass(
         raise KeyframeError(f"the motion cannot be performed: {error}") from error
 
 
-def _point_mass(plan: MotionPlan) -> MassEstimate:
+def _point_mass(plan: MotionPlan, below_pelvis_m: float) -> MassEstimate:
     frames = len(plan.times_s)
-    height = plan.pelvis_height_m - _COM_BELOW_PELVIS_M
+    height = plan.pelvis_height_m - below_pelvis_m
     return MassEstimate(
         height=height,
         load=load_of(height, plan.times_s),
         zmp_offset=np.zeros((frames, 2)),
-        pelvis_offset=np.tile([0.0, 0.0, _COM_BELOW_PELVIS_M], (frames, 1)),
+        pelvis_offset=np.tile([0.0, 0.0, below_pelvis_m], (frames, 1)),
         slow=np.zeros(frames, dtype=bool),
     )
 
@@ -159,7 +157,7 @@ def _cached_clip(text: str, robot: Robot) -> MotionClip:
         return build_clip(text, robot)
     path = folder / f"{_content_hash(text, robot)}.npz"
     try:
-        return MotionClip.load(path)
+        return MotionClip.load(path, robot.spec)
     except (OSError, ValueError):
         clip = build_clip(text, robot)
     # The cache saves seconds; a motion is not worth failing for want of one.
@@ -187,12 +185,13 @@ def _content_hash(text: str, robot: Robot) -> str:
         *(model.body_ipos, model.body_iquat, model.body_inertia),
         *(model.jnt_pos, model.jnt_axis, model.jnt_range, robot.body_ids),
         *(sole_points(robot, side) for side in range(2)),
-        joint_tables("beyondmimic")["default_joint_pos_rad"],
+        np.array(robot.spec.stance.joint_pos_rad),
     ):
         digest.update(np.ascontiguousarray(array).tobytes())
-    for source in sorted(files("tlr_exp.motion").iterdir(), key=lambda entry: entry.name):
-        if source.name.endswith(".py"):
-            digest.update(source.read_bytes())
+    for room in ("tlr_exp.motion", "tlr_exp.motion.authoring"):
+        for source in sorted(files(room).iterdir(), key=lambda entry: entry.name):
+            if source.name.endswith(".py"):
+                digest.update(source.read_bytes())
     for package in ("mujoco", "mink", "daqp", "scipy", "numpy"):
         digest.update(version(package).encode())
     return digest.hexdigest()[:32]

@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from tlr_exp.motion.authoring.balance import GRAVITY, MassEstimate, Support, plan_height
 from tlr_exp.motion.authoring.flight import flights, momentum_turn
-from tlr_exp.motion.authoring.script import SIDES, Script
+from tlr_exp.motion.authoring.script import Script
 from tlr_exp.motion.authoring.splines import bump, interpolate
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import half_planes, hip_offset, sole_points
 from tlr_exp.motion.quaternions import from_euler, rotate
-from tlr_exp.robot.g1 import FOOT_BODIES, JOINT_NAMES, NUM_JOINTS
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import SIDES
 
 # Joints keep this far from their limits, so that a controller has room on both sides.
 LIMIT_MARGIN_RAD = 0.05
@@ -88,8 +88,8 @@ class MotionPlan:
         angles = (channels[f"pelvis.{key}"] for key in ("yaw", "pitch", "roll"))
         self.pelvis_quat = self._written_quat = from_euler(*angles)
         self.turn = np.zeros((frames, 3))
-        self.joint_pos = np.zeros((frames, NUM_JOINTS))
-        for i, name in enumerate(JOINT_NAMES):
+        self.joint_pos = np.zeros((frames, robot.spec.num_joints))
+        for i, name in enumerate(robot.spec.joint_names):
             if name in channels:
                 self.joint_pos[:, i] = channels[name]
         self.feet = [_foot_path(script, channels, side, self.times_s) for side in SIDES]
@@ -225,5 +225,5 @@ def _foot_path(
 
 def _ankle_room(robot: Robot, side: int) -> float:
     """How far an ankle may roll either way, in radians."""
-    joint = JOINT_NAMES.index(FOOT_BODIES[side].replace("_link", "_joint"))
+    joint = robot.spec.link_names.index(robot.spec.foot_names[side]) - 1  # the pelvis has none
     return float(np.abs(robot.joint_range_rad[joint]).min()) - LIMIT_MARGIN_RAD

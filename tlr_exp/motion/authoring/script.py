@@ -14,17 +14,12 @@ from typing import Any
 import yaml
 
 from tlr_exp.errors import UserError
-from tlr_exp.robot.g1 import JOINT_NAMES, joint_tables
+from tlr_exp.robot.spec import SIDES, RobotSpec
 
-SIDES = ("left", "right")
-ARM_JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow")
-# Both arms are written as the left one; on the right these angles change their sign.
-MIRRORED_JOINTS = ("shoulder_roll", "shoulder_yaw")
 FOOT_CHANNELS = ("x_m", "y_m", "z_m", "yaw", "pitch")
 
 _TOP_KEYS = ("fps", "description", "keyframes")
 _PELVIS_KEYS = ("height_m", "yaw_deg", "pitch_deg", "roll_deg")
-_WAIST_JOINTS = ("yaw", "roll", "pitch")
 _FOOT_KEYS = ("x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "swing_s", "lift_m")
 _KEYFRAME_KEYS = (
     *("time_s", "name", "like", "pelvis", "weight_on_right", "left_foot", "right_foot"),
@@ -32,8 +27,6 @@ _KEYFRAME_KEYS = (
     *("hands_m", "left_hand_m", "right_hand_m"),
 )
 
-STANCE_HEIGHT_M = 0.757  # with the knees bent as in the default pose, the soles on the floor
-STANCE_HALF_WIDTH_M = 0.1185
 DEFAULT_FPS = 50.0
 DEFAULT_LIFT_M = 0.05
 
@@ -75,26 +68,25 @@ class Script:
     names: dict[str, float] = field(default_factory=dict)
 
 
-def default_pose() -> dict[str, float]:
-    """Every channel's value where no keyframe has said anything: the robot's default stance."""
-    angles = dict(
-        zip(JOINT_NAMES, joint_tables("beyondmimic")["default_joint_pos_rad"], strict=True)
-    )
-    pose = {name: float(angle) for name, angle in angles.items() if _is_upper(name)}
+def default_pose(spec: RobotSpec) -> dict[str, float]:
+    """Every channel's value where no keyframe has said anything: the robot's stance."""
+    stance = spec.stance
+    pose = {spec.joint_names[i]: float(stance.joint_pos_rad[i]) for i in spec.upper_joints}
     pose |= {f"pelvis.{key}": 0.0 for key in ("yaw", "pitch", "roll")}
-    pose["pelvis.height_m"] = STANCE_HEIGHT_M
+    pose["pelvis.height_m"] = stance.height_m
     pose["weight_on_right"] = 0.5
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         pose |= {f"{side}_foot.{key}": 0.0 for key in FOOT_CHANNELS}
-        pose[f"{side}_foot.y_m"] = sign * STANCE_HALF_WIDTH_M
+        pose[f"{side}_foot.y_m"] = sign * stance.half_width_m
     return pose
 
 
-def read_script(text: str, solve_hand: HandSolver) -> Script:
+def read_script(text: str, spec: RobotSpec, solve_hand: HandSolver) -> Script:
     """Read the text of a keyframe file.
 
     Args:
         text: YAML.
+        spec: the robot that moves.
         solve_hand: inverse kinematics of one arm, for keyframes that place a hand.
 
     Raises:
@@ -112,7 +104,7 @@ def read_script(text: str, solve_hand: HandSolver) -> Script:
     fps = _number(data.get("fps", DEFAULT_FPS), "fps")
     if fps <= 0:
         raise KeyframeError(f"fps is {fps}; it must be positive")
-    reader = _Reader(Script(fps=fps), solve_hand)
+    reader = _Reader(Script(fps=fps), spec, solve_hand)
     for number, keyframe in enumerate(keyframes, start=1):
         reader.read(keyframe, f"keyframe {number}")
     return reader.script
@@ -121,10 +113,11 @@ def read_script(text: str, solve_hand: HandSolver) -> Script:
 class _Reader:
     """Reads keyframes in order; remembers the pose so far and the poses that have names."""
 
-    def __init__(self, script: Script, solve_hand: HandSolver) -> None:
+    def __init__(self, script: Script, spec: RobotSpec, solve_hand: HandSolver) -> None:
         self.script = script
+        self.spec = spec
         self.solve_hand = solve_hand
-        self.pose = default_pose()
+        self.pose = default_pose(spec)
         self.named_poses: dict[str, dict[str, float]] = {}
 
     def read(self, keyframe: Any, where: str) -> None:
@@ -174,7 +167,8 @@ class _Reader:
         out: dict[str, float] = {}
         for key, value in _numbers(keyframe, "pelvis", _PELVIS_KEYS, where).items():
             out[f"pelvis.{key}"] = value
-        for key, value in _numbers(keyframe, "waist_deg", _WAIST_JOINTS, where).items():
+        waist = tuple(kind.removeprefix("waist_") for kind in self.spec.waist)
+        for key, value in _numbers(keyframe, "waist_deg", waist, where).items():
             out[f"waist_{key}_joint"] = value
         if "weight_on_right" in keyframe:
             share = _number(keyframe["weight_on_right"], f"{where}: weight_on_right")
@@ -190,11 +184,13 @@ class _Reader:
         return out
 
     def _arm(self, keyframe: Mapping[str, Any], side: str, where: str) -> dict[str, float]:
-        names = {joint: f"{side}_{joint}_joint" for joint in ARM_JOINTS}
+        arms = self.spec.arms
+        names = {joint: f"{side}_{joint}_joint" for joint in arms}
         out: dict[str, float] = {}
         for key in ("arms_deg", f"{side}_arm_deg"):
-            for joint, value in _numbers(keyframe, key, ARM_JOINTS, where).items():
-                mirrored = side == "right" and joint in MIRRORED_JOINTS
+            for joint, value in _numbers(keyframe, key, arms, where).items():
+                # Both arms are written as the left one.
+                mirrored = side == "right" and joint in self.spec.mirrored
                 out[names[joint]] = -value if mirrored else value
         for key in ("hands_m", f"{side}_hand_m"):
             if key in keyframe:
@@ -248,10 +244,6 @@ class _Reader:
                 f"begin at {last_knot_s} s at the earliest"
             )
         return start_s
-
-
-def _is_upper(joint: str) -> bool:
-    return "waist" in joint or "shoulder" in joint or "elbow" in joint
 
 
 def _check_keys(data: Any, allowed: tuple[str, ...], where: str) -> None:

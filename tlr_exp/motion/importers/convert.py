@@ -21,8 +21,8 @@ from tlr_exp.motion.importers.readings.kinematics import KinematicsGap, kinemati
 from tlr_exp.motion.importers.readings.metadata import with_metadata
 from tlr_exp.motion.importers.readings.plausible import check_plausible, likely_reading, suggestion
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints, furthest_beyond
-from tlr_exp.robot.g1 import CONTROL_DT_S, JOINT_NAMES
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.timing import CONTROL_DT_S
 
 CLIP_FPS = round(1 / CONTROL_DT_S)
 # Retargeting often leaves joints a little beyond their limits; more than this is another robot.
@@ -120,7 +120,7 @@ def read_motion(
         raise MotionFileError(f"unknown format {format!r}; known are {', '.join(READERS)}")
     content, notes = with_metadata(containers.parse(read_bytes(path)), path)
     found = format or detect(content)
-    recorded = READERS[found](content, options)
+    recorded = READERS[found](content, options, robot.spec)
     recorded = replace(recorded, notes=(*notes, *recorded.notes))
     conventions = of_options(recorded, options)
     try:
@@ -146,13 +146,13 @@ def within_limits(
         MotionFileError: a joint is further beyond.
     """
     joints, limits = qpos[:, QPOS_JOINTS], robot.joint_range_rad
-    furthest, words = furthest_beyond(joints, limits)
+    furthest, words = furthest_beyond(joints, robot.spec)
     if furthest > clamp_rad:
         raise MotionFileError(f"{words}, and at most {clamp_rad:g} rad beyond are set to the limit")
     beyond = beyond_limits(joints, limits)
     clamps = [
         Clamp(name, float(beyond[:, i].max()), int((beyond[:, i] > 0).sum()))
-        for i, name in enumerate(JOINT_NAMES)
+        for i, name in enumerate(robot.spec.joint_names)
         if beyond[:, i].max() > 0
     ]
     return clamp_joints(qpos, limits), clamps

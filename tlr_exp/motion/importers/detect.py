@@ -17,8 +17,10 @@ from tlr_exp.motion.importers.formats import (
     table,
 )
 from tlr_exp.motion.importers.raw import MotionFileError, Options, Recorded, listed
+from tlr_exp.motion.importers.readings.columns import is_seed
+from tlr_exp.robot.spec import RobotSpec
 
-Reader = Callable[[Mapping[str, Any], Options], Recorded]
+Reader = Callable[[Mapping[str, Any], Options, RobotSpec], Recorded]
 READERS: dict[str, Reader] = {
     "asap": asap.read,
     "pbhc": asap.read,
@@ -61,7 +63,7 @@ def detect(content: Mapping[str, Any]) -> str:
     if isinstance(content, dict):
         motions = [value for value in content.values() if isinstance(value, dict)]
     keys = list(motions[0] if motions else content)
-    if COLUMNS in content and table.is_seed(content[COLUMNS]):
+    if COLUMNS in content and is_seed(content[COLUMNS]):
         return "bones-seed"
     for name, signature in _SIGNATURES:
         if signature <= set(keys):

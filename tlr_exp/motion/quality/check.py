@@ -12,7 +12,6 @@ from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, steady_c
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quaternions import angle_between, rotate
-from tlr_exp.robot.g1 import FOOT_BODIES, JOINT_NAMES
 from tlr_exp.robot.model import Robot
 
 # Sliding is averaged over this time; a touch of less than half of it is no stance.
@@ -134,7 +133,7 @@ def _sliding(clip: MotionClip, floor: FloorContacts) -> Finding:
     distance, duration = way[int(side), start]
     remark = f"slides {1000 * distance:.0f} mm in {duration:.2f} s"
     worst = np.fmax(*speed)
-    return _finding("foot sliding", worst, clip.fps, 0, FOOT_BODIES[side], remark)
+    return _finding("foot sliding", worst, clip.fps, 0, clip.spec.foot_names[side], remark)
 
 
 def _joint_findings(clip: MotionClip, robot: Robot) -> list[Finding]:
@@ -148,7 +147,9 @@ def _joint_findings(clip: MotionClip, robot: Robot) -> list[Finding]:
         remark = None
         if values.max() < 0:
             remark = f"{-values.max():.3f} rad inside"
-        found = _finding(measure, values.max(axis=1), clip.fps, 0, JOINT_NAMES[worst], remark)
+        found = _finding(
+            measure, values.max(axis=1), clip.fps, 0, clip.spec.joint_names[worst], remark
+        )
         findings.append(found)
     return findings
 
@@ -157,7 +158,7 @@ def _jump_findings(clip: MotionClip) -> list[Finding]:
     root, rotation, joints = accelerations(clip.qpos, clip.fps)
     if not len(joints):
         return []
-    joint = JOINT_NAMES[int(joints.max(axis=0).argmax())]
+    joint = clip.spec.joint_names[int(joints.max(axis=0).argmax())]
     return [
         _finding("joint jump", joints.max(axis=1), clip.fps, 1, joint),
         _finding("root jump", root, clip.fps, 1),
@@ -178,7 +179,9 @@ def _tilt(clip: MotionClip) -> Finding:
     inverse = clip.qpos[:, ROOT_QUAT] * [1, -1, -1, -1]
     gravity = rotate(inverse, np.array([0.0, 0.0, -1.0]))
     remark = "the default termination ends episodes beyond 0.8"
-    found = _finding("tilt", np.abs(gravity[:, :2]).max(axis=1), clip.fps, place="pelvis")
+    found = _finding(
+        "tilt", np.abs(gravity[:, :2]).max(axis=1), clip.fps, place=clip.spec.pelvis_name
+    )
     return found if found.verdict == "ok" else Finding(**{**vars(found), "remark": remark})
 
 
@@ -199,6 +202,6 @@ def _ends(clip: MotionClip) -> Finding:
         float(gap.max()),
         "rad",
         "note",
-        place=JOINT_NAMES[int(gap.argmax())],
+        place=clip.spec.joint_names[int(gap.argmax())],
         remark=f"pelvis {way:.2f} m, {float(turn):.0f}°",
     )

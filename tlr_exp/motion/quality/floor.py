@@ -10,7 +10,6 @@ from scipy.ndimage import grey_opening
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import foot_extremes
 from tlr_exp.motion.quaternions import rotate
-from tlr_exp.robot.g1 import FEET
 from tlr_exp.robot.model import Robot
 
 CONTACT_M = 0.005  # a point this close to what carries the robot touches it too
@@ -173,7 +172,7 @@ def _sweep(
     model, data, frames = robot.model, mujoco.MjData(robot.model), clip.num_frames
     position, up = np.empty((frames, len(geoms))), np.empty((frames, len(geoms), 3))
     com_z, depth, bodies = np.empty(frames), np.zeros(frames), np.zeros((frames, 2), dtype=int)
-    root = model.body("pelvis").id
+    root = robot.pelvis_id
     for t in range(frames):
         data.qpos[:] = clip.qpos[t]
         mujoco.mj_kinematics(model, data)
@@ -204,7 +203,7 @@ _SUPPORT = {
 
 def _sole(clip: MotionClip, robot: Robot, side: int) -> tuple[np.ndarray, np.ndarray]:
     """Height [T] of a foot's lowest point, and horizontal speed [T] of the points as low as it."""
-    body = FEET[side]
+    body = robot.spec.feet[side]
     centres, radii = foot_extremes(robot, side)
     arms = rotate(clip.body_quat_w[:, None, body], centres[None])
     arms[..., 2] -= radii

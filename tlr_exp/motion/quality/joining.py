@@ -17,7 +17,6 @@ from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
 from tlr_exp.motion.quaternions import heading
-from tlr_exp.robot.g1 import JOINT_NAMES
 from tlr_exp.robot.model import Robot
 
 BLEND_S = 0.5
@@ -71,7 +70,8 @@ def join_clips(
         blended = _fade(placed, _turned(clip.qvel[0], turn), qpos[-1], velocity, fps, blend_s)
         beyond = float(beyond_limits(blended[:, QPOS_JOINTS], robot.joint_range_rad).max())
         blended = clamp_joints(blended, robot.joint_range_rad)
-        seams.append(_seam(clip.qpos[0], placed[0], qpos[-1], turn, (len(qpos) - 1) / fps, beyond))
+        end_s = (len(qpos) - 1) / fps
+        seams.append(_seam(clip, placed[0], qpos[-1], turn, end_s, beyond))
         qpos, velocity = np.concatenate([qpos[:-1], blended]), clip.qvel[-1]
         velocity = _turned(velocity, turn)
     return clip_from_qpos(qpos, fps, robot), seams
@@ -136,7 +136,7 @@ def _quintic(value: np.ndarray, slope: np.ndarray, time: np.ndarray, end_s: floa
 
 
 def _seam(
-    original: np.ndarray,
+    clip: MotionClip,
     placed: np.ndarray,
     target: np.ndarray,
     turn: float,
@@ -145,7 +145,7 @@ def _seam(
 ) -> Seam:
     gap = np.abs(target[QPOS_JOINTS] - placed[QPOS_JOINTS])
     tilt = (_rotation(placed[ROOT_QUAT]).inv() * _rotation(target[ROOT_QUAT])).magnitude()
-    moved = placed[:2] - original[:2]
+    moved = placed[:2] - clip.qpos[0, :2]
     return Seam(
         time_s=time_s,
         turned_rad=float((turn + np.pi) % (2 * np.pi) - np.pi),
@@ -153,7 +153,7 @@ def _seam(
         height_gap_m=float(target[2] - placed[2]),
         tilt_gap_rad=float(tilt),
         joint_gap_rad=float(gap.max()),
-        joint=JOINT_NAMES[int(gap.argmax())],
+        joint=clip.spec.joint_names[int(gap.argmax())],
         clamped_rad=max(0.0, beyond),
     )
 

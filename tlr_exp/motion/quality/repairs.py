@@ -17,7 +17,6 @@ from tlr_exp.motion.quality.floor import CONTACT_M, floor_contacts
 from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS
 from tlr_exp.motion.quality.smoothing import SHAKING_SHARE, mend_jumps
-from tlr_exp.robot.g1 import JOINT_NAMES
 from tlr_exp.robot.model import Robot
 
 GROUNDS = ("constant", "varying", "none")
@@ -52,7 +51,7 @@ def repair_clip(clip: MotionClip, robot: Robot, ground: str = "constant") -> Rep
     if ground not in GROUNDS:
         raise ValueError(f"unknown ground {ground!r}; allowed are {', '.join(GROUNDS)}")
     qpos, changes = cut_ends(clip.qpos, clip.fps)
-    for step in (lambda q: clamp(q, robot), lambda q: mend_jumps(q, clip.fps)):
+    for step in (lambda q: clamp(q, robot), lambda q: mend_jumps(q, clip.fps, clip.spec)):
         qpos, said = step(qpos)
         changes += said
     if ground != "none":
@@ -92,7 +91,7 @@ def clamp(qpos: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
     changes = [
         f"set {name} to its limit in {int((beyond[:, i] > 0).sum())} frames "
         f"(it was up to {beyond[:, i].max():.3f} rad beyond)"
-        for i, name in enumerate(JOINT_NAMES)
+        for i, name in enumerate(robot.spec.joint_names)
         if beyond[:, i].max() > LIMITS["beyond joint limit"].ok
     ]
     return (clamp_joints(qpos, robot.joint_range_rad), changes) if changes else (qpos, [])

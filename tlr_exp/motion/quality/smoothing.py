@@ -12,7 +12,7 @@ from tlr_exp.motion.quality.floor import stretches
 from tlr_exp.motion.quality.jumps import position_acceleration, rotation_acceleration
 from tlr_exp.motion.quality.limits import LIMITS, Limit
 from tlr_exp.motion.quaternions import angle_between, continuous, normalised
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.spec import RobotSpec
 
 # A jump is replaced by a curve over at most this time, over as few frames as will do.
 MAX_BRIDGE_S = 0.4
@@ -47,26 +47,28 @@ def _same(values: np.ndarray) -> np.ndarray:
     return values
 
 
-CHANNELS = (
-    Channel(
-        *("the root's position", slice(0, 3), LIMITS["root jump"]),
-        *(position_acceleration, _same, _apart, "m"),
-    ),
-    Channel(
-        *("the root's orientation", ROOT_QUAT, LIMITS["root rotation jump"]),
-        *(rotation_acceleration, normalised, angle_between, "rad"),
-    ),
-    *(
+def channels(spec: RobotSpec) -> tuple[Channel, ...]:
+    """The root's position, its orientation, and each joint."""
+    return (
         Channel(
-            *(name, slice(i, i + 1), LIMITS["joint jump"]),
-            *(position_acceleration, _same, _apart, "rad"),
-        )
-        for i, name in enumerate(JOINT_NAMES, start=7)
-    ),
-)
+            *("the root's position", slice(0, 3), LIMITS["root jump"]),
+            *(position_acceleration, _same, _apart, "m"),
+        ),
+        Channel(
+            *("the root's orientation", ROOT_QUAT, LIMITS["root rotation jump"]),
+            *(rotation_acceleration, normalised, angle_between, "rad"),
+        ),
+        *(
+            Channel(
+                *(name, slice(i, i + 1), LIMITS["joint jump"]),
+                *(position_acceleration, _same, _apart, "rad"),
+            )
+            for i, name in enumerate(spec.joint_names, start=7)
+        ),
+    )
 
 
-def mend_jumps(qpos: np.ndarray, fps: float) -> tuple[np.ndarray, list[str]]:
+def mend_jumps(qpos: np.ndarray, fps: float, spec: RobotSpec) -> tuple[np.ndarray, list[str]]:
     """Take out of [T, 30] what is beyond the ``fail`` limit of a jump, down to the ``ok`` limit.
 
     Returns:
@@ -74,7 +76,7 @@ def mend_jumps(qpos: np.ndarray, fps: float) -> tuple[np.ndarray, list[str]]:
     """
     mended, changes = qpos.copy(), []
     mended[:, ROOT_QUAT] = continuous(qpos[:, ROOT_QUAT])
-    for channel in CHANNELS:
+    for channel in channels(spec):
         before = mended[:, channel.columns].copy()
         after, how = mend(before, channel, fps)
         if how:

@@ -1,4 +1,4 @@
-"""ASAP's and PBHC's ``.pkl`` (joblib): named motions of 23 joints, root quaternions xyzw."""
+"""ASAP's and PBHC's ``.pkl`` (joblib): named motions, root quaternions xyzw."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,10 +12,10 @@ from tlr_exp.motion.importers.raw import (
     take,
     take_rate,
 )
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.spec import RobotSpec
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion of the file, or the one that ``options.motion`` names.
 
     PBHC adds ``contact_mask``, which is not used. ``smpl_joints`` are those of the person, not of
@@ -25,11 +25,11 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
         MotionFileError: see ``raw``; or the file has several motions and none is named.
     """
     motion = choose(content, options)
-    dof = take(motion, "dof", len(JOINT_NAMES))
+    dof = take(motion, "dof", spec.num_joints)
     position = take(motion, "root_trans_offset", 3, frames=len(dof))
     quats = take(motion, "root_rot", 4, frames=len(dof))
     rate = take_rate(motion, "fps", options)
-    return Recorded(rate, position, quats, dof, JOINT_NAMES, Conventions(quaternion="xyzw"))
+    return Recorded(rate, position, quats, dof, spec.joint_names, Conventions(quaternion="xyzw"))
 
 
 def choose(content: Mapping[str, Any], options: Options) -> Mapping[str, Any]:

@@ -19,9 +19,10 @@ from tlr_exp.motion.importers.raw import (
     take,
     take_rate,
 )
+from tlr_exp.robot.spec import RobotSpec
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion; the pelvis is the first body that is not the world's origin.
 
     Raises:

@@ -12,9 +12,10 @@ from tlr_exp.motion.importers.raw import (
     take_named_bodies,
     take_rate,
 )
+from tlr_exp.robot.spec import RobotSpec
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """Joints in the order of the robot's model files, as GMR writes them.
 
     Raises:

@@ -15,13 +15,13 @@ from tlr_exp.motion.importers.raw import (
     take_names,
     take_rate,
 )
-from tlr_exp.motion.importers.readings.joints import PELVIS
 from tlr_exp.motion.quaternions import angle_between
+from tlr_exp.robot.spec import RobotSpec
 
 _ROOT_TOLERANCE_RAD = 0.05
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion; its root orientation is checked against that of the pelvis in the bodies.
 
     Files of others that name their joints but leave out the root take it from the pelvis.
@@ -37,8 +37,8 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
         position = take(content, "body_pos_w", len(body_names), 3, frames=len(joints))
         quats = take(content, "body_quat_w", len(body_names), 4, frames=len(joints))
         bodies = FileBodies(position, body_names)
-        if PELVIS in body_names:
-            place = body_names.index(PELVIS)
+        if spec.pelvis_name in body_names:
+            place = body_names.index(spec.pelvis_name)
             pelvis = np.concatenate([position[:, place], quats[:, place]], axis=1)
     if joints.shape[1] == len(names) and pelvis is not None:
         root = pelvis

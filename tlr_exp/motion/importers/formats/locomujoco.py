@@ -15,9 +15,10 @@ from tlr_exp.motion.importers.raw import (
     take_names,
     take_rate,
 )
+from tlr_exp.robot.spec import RobotSpec
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The trajectory, or the one whose number (from 0) is ``options.motion``.
 
     Raises:

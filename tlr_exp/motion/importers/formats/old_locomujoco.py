@@ -21,6 +21,7 @@ from tlr_exp.motion.importers.raw import (
     take_rate,
 )
 from tlr_exp.motion.quaternions import product
+from tlr_exp.robot.spec import RobotSpec
 
 _ROOT = ("tx", "tz", "ty", "tilt", "list", "rotation")
 _PREFIX = "q_"
@@ -35,7 +36,7 @@ _OLD_JOINTS |= {f"{s}_elbow_roll_joint": f"{s}_wrist_roll_joint" for s in ("left
 _ADDED_DEG = {"hip_pitch": -9.978, "knee": 19.177, "ankle_pitch": -9.198}
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The trajectory, or the one whose number (from 0) is ``options.motion``.
 
     Raises:
@@ -51,7 +52,9 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
     joints = np.stack([take(content, _PREFIX + n, frames=frames)[part] for n in names], axis=1)
     old = "torso_joint" in names
     if old and not set(_OLD_JOINTS) <= set(names):
-        raise MotionFileError(f"its joints are not those of the G1; it has {listed(names)}")
+        raise MotionFileError(
+            f"its joints are not those of the {spec.name}; it has {listed(names)}"
+        )
     notes = []
     position = root[:, :3].copy()
     if len(root) and abs(np.median(position[:, 2])) < _HEIGHTS_FROM_PELVIS_M:

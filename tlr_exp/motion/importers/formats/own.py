@@ -13,9 +13,10 @@ from tlr_exp.motion.importers.raw import (
     take_names,
     take_rate,
 )
+from tlr_exp.robot.spec import RobotSpec
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """Positions alone are read; velocities follow from them.
 
     Raises:

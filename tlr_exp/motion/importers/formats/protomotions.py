@@ -20,11 +20,12 @@ from tlr_exp.motion.importers.raw import (
     take,
     take_rate,
 )
+from tlr_exp.robot.spec import RobotSpec
 
 _CONVENTIONS = Conventions(quaternion="xyzw", joint_order="mujoco")
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion of a ``.motion``.
 
     Raises:
@@ -35,7 +36,7 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
     return _recorded(take_rate(content, "fps", options), joints, position, quats)
 
 
-def read_library(content: Mapping[str, Any], options: Options) -> Recorded:
+def read_library(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion of a ``.pt`` whose number (from 0) or file's name is ``options.motion``.
 
     Raises:

@@ -22,20 +22,18 @@ from tlr_exp.motion.importers.raw import (
 )
 from tlr_exp.motion.importers.readings.columns import Columns, understand
 from tlr_exp.motion.importers.readings.conventions import LARGEST_RAD
-from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
 from tlr_exp.motion.importers.readings.table_time import rate_of_steps
 from tlr_exp.motion.quaternions import from_euler
-from tlr_exp.robot.g1 import JOINT_NAMES
+from tlr_exp.robot.spec import RobotSpec
 
 FPS = 30.0
 _ROOT = 7
-_COUNTS = (len(JOINT_NAMES_29), len(JOINT_NAMES))
 _OTHER_ROBOTS = {_ROOT + 19: "H1 (19 joints)", _ROOT + 27: "H1-2 (27 joints)"}
 _LAFAN1 = Conventions(quaternion="xyzw", joint_order="mujoco")
 _NO_RATE = f"a table of this kind does not say its rate: {FPS:g} taken, as Unitree's have"
 
 
-def read(content: Mapping[str, Any], options: Options) -> Recorded:
+def read(content: Mapping[str, Any], options: Options, spec: RobotSpec) -> Recorded:
     """The motion of a table, at the rate of its times, ``options.fps``, or LAFAN1's 30.
 
     Raises:
@@ -43,42 +41,41 @@ def read(content: Mapping[str, Any], options: Options) -> Recorded:
     """
     table = take(content, TABLE, None)
     names = content.get(COLUMNS)
-    columns = understand(names) if names else Columns()
+    columns = understand(names, spec) if names else Columns()
     if columns.joints:
         return _named(table, columns, options)
     notes = ("its line of names names no joints: read in Unitree's order",) if names else ()
-    return _nameless(table, options, notes)
+    return _nameless(table, options, spec, notes)
 
 
-def is_seed(names: tuple[str, ...]) -> bool:
-    """Whether a table's names are those of BONES-SEED's."""
-    return understand(names).seed
-
-
-def _nameless(table: np.ndarray, options: Options, notes: tuple[str, ...]) -> Recorded:
+def _nameless(
+    table: np.ndarray, options: Options, spec: RobotSpec, notes: tuple[str, ...]
+) -> Recorded:
     width = table.shape[1]
+    counts = (len(spec.model_joint_names), spec.num_joints)
     steps = None
-    if width - 1 - _ROOT in _COUNTS:
+    if width - 1 - _ROOT in counts:
         steps, table = table[:, 0], table[:, 1:]
-    elif width - _ROOT not in _COUNTS:
-        raise MotionFileError(_of_width(width))
+    elif width - _ROOT not in counts:
+        raise MotionFileError(_of_width(width, spec.name, *counts))
     rate, said = _rate(steps, "its first column", options)
     root, quats, joints = np.split(table, [3, _ROOT], axis=1)
     return Recorded(rate, root, quats, joints, None, _LAFAN1, notes=(*notes, *said))
 
 
-def _of_width(width: int) -> str:
+def _of_width(width: int, name: str, many: int, few: int) -> str:
     for robot_width, robot in _OTHER_ROBOTS.items():
         if width in (robot_width, robot_width + 1):
             return (
-                f"it has {width} columns: that is a table of Unitree's {robot}, not of the G1 "
-                "(36 columns, or 30 with 23 joints)"
+                f"it has {width} columns: that is a table of Unitree's {robot}, not of the {name} "
+                f"({_ROOT + many} columns, or {_ROOT + few} with {few} joints)"
             )
-    if width in _COUNTS:
+    if width in (many, few):
         return f"it has {width} columns: joints alone, without the root's seven columns"
     return (
-        f"it has {width} columns; expected 36 (x y z, qx qy qz qw, 29 joints) or 30 (23 joints), "
-        "perhaps behind one of time, or a line with the names of the columns"
+        f"it has {width} columns; expected {_ROOT + many} (x y z, qx qy qz qw, {many} joints) or "
+        f"{_ROOT + few} ({few} joints), perhaps behind one of time, or a line with the names of "
+        "the columns"
     )
 
 

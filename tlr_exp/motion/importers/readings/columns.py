@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from tlr_exp.motion.importers.readings.joints import JOINT_NAMES_29
+from tlr_exp.robot.spec import RobotSpec
 
 _TIME = {"time", "t", "timestamp", "timestamps", "time_s", "sec", "seconds", "time_stamp"}
 _TIME |= {"timestamp_s", "time_sec"}
@@ -58,12 +58,11 @@ class Columns:
     unknown: list[str] = field(default_factory=list)
 
 
-def understand(names: tuple[str, ...]) -> Columns:
+def understand(names: tuple[str, ...], spec: RobotSpec) -> Columns:
     """Tell the columns by their names; a name that comes twice counts the first time."""
-    columns = Columns()
-    columns.seed = {"root_translatex", "root_rotatex"} <= {name.lower() for name in names}
+    columns = Columns(seed=is_seed(names))
     for number, given in enumerate(names):
-        _place(columns, number, given)
+        _place(columns, number, given, spec)
     if set(columns.quaternion) == {"w"}:
         # Called rotation x, y, z, they would be Euler angles but for the fourth.
         columns.quaternion |= columns.euler
@@ -71,9 +70,14 @@ def understand(names: tuple[str, ...]) -> Columns:
     return columns
 
 
-def _place(columns: Columns, number: int, given: str) -> None:
+def is_seed(names: tuple[str, ...]) -> bool:
+    """Whether a table's names are those of BONES-SEED's."""
+    return {"root_translatex", "root_rotatex"} <= {name.lower() for name in names}
+
+
+def _place(columns: Columns, number: int, given: str, spec: RobotSpec) -> None:
     name = plain(given)
-    joint = joint_of(name)
+    joint = joint_of(name, spec)
     if joint is not None:
         columns.joints.setdefault(joint, number)
         if name.endswith(("_deg", "_rad")):
@@ -103,7 +107,7 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name).strip("_")
 
 
-def joint_of(name: str) -> str | None:
+def joint_of(name: str, spec: RobotSpec) -> str | None:
     """The joint that a plain name means, or None."""
     if "vel" in name.split("_"):
         return None
@@ -115,4 +119,4 @@ def joint_of(name: str) -> str | None:
     name = name.removesuffix("_joint") + "_joint"
     # Joints of other robots are named, so that the message can say what is wrong.
     other = said and _BODY_PART.match(name)
-    return name if name in JOINT_NAMES_29 or other else None
+    return name if name in spec.model_joint_names or other else None

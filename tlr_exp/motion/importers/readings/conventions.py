@@ -18,7 +18,7 @@ from tlr_exp.motion.importers.raw import (
 )
 from tlr_exp.motion.importers.readings.joints import check_joints, in_order, links_of
 from tlr_exp.motion.quaternions import product, rotate
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.spec import RobotSpec
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 # What may be said of a file by an option, and its choices; ``Conventions`` explains them.
@@ -61,7 +61,7 @@ def of_options(recorded: Recorded, options: Options) -> Conventions:
     return replace(recorded.conventions, **asked)
 
 
-def interpret(recorded: Recorded, conventions: Conventions) -> RawMotion:
+def interpret(recorded: Recorded, conventions: Conventions, spec: RobotSpec) -> RawMotion:
     """Read what a file holds by the conventions given.
 
     Joints that our robot does not have are dropped. Quaternions of a norm near 1 are normalised,
@@ -76,10 +76,10 @@ def interpret(recorded: Recorded, conventions: Conventions) -> RawMotion:
     notes = list(recorded.notes)
     names = recorded.names
     if names is None:
-        names = in_order(recorded.joints.shape[1], conventions.joint_order)
-    unknown = check_joints(names)
+        names = in_order(recorded.joints.shape[1], conventions.joint_order, spec)
+    unknown = check_joints(names, spec)
     notes += [f"joints that are not used: {listed(unknown)}"] if unknown else []
-    joints = recorded.joints[:, [names.index(name) for name in JOINT_NAMES]]
+    joints = recorded.joints[:, [names.index(name) for name in spec.joint_names]]
     if conventions.angles == "deg":
         joints = np.radians(joints)
     scale = METRES[conventions.units]
@@ -97,7 +97,8 @@ def interpret(recorded: Recorded, conventions: Conventions) -> RawMotion:
             f"and at most {MAX_POSITION_M:g}"
         )
     qpos = np.concatenate([position, quats, joints], axis=1)
-    bodies = _bodies(recorded.bodies, names if recorded.names is None else None, qpos, conventions)
+    nameless = names if recorded.names is None else None
+    bodies = _bodies(recorded.bodies, nameless, qpos, conventions, spec)
     return RawMotion(recorded.fps, qpos, bodies, conventions, tuple(notes))
 
 
@@ -151,6 +152,7 @@ def _bodies(
     nameless: tuple[str, ...] | None,
     qpos: np.ndarray,
     conventions: Conventions,
+    spec: RobotSpec,
 ) -> Bodies | None:
     """Body positions in our conventions; ``nameless``: the joints, where the file names none."""
     if found is None:
@@ -162,10 +164,10 @@ def _bodies(
         pos = _turned(pos)
     names = found.names
     if names is None and nameless is not None and pos.shape[1] == len(nameless) + 1:
-        names = links_of(nameless)
+        names = links_of(nameless, spec)
     if names is None:
-        return Bodies(None, pos) if pos.shape[1] > len(JOINT_NAMES) + 1 else None
-    kept = [name for name in TRACKED_BODIES if name in names]
+        return Bodies(None, pos) if pos.shape[1] > spec.num_joints + 1 else None
+    kept = [name for name in spec.tracked_bodies if name in names]
     if not kept:
         return None
     return Bodies(tuple(kept), pos[:, [names.index(name) for name in kept]])

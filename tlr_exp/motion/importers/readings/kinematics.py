@@ -16,8 +16,8 @@ from tlr_exp.motion.importers.raw import (
 )
 from tlr_exp.motion.importers.readings.conventions import interpret
 from tlr_exp.motion.importers.readings.joints import ORDERS
-from tlr_exp.robot.g1 import LINK_NAMES, TRACKED_BODIES
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import RobotSpec
 
 _COMPARED_FRAMES = 50
 # Bodies without names are no proof of a joint order unless each of our links is found among them.
@@ -40,16 +40,16 @@ def kinematics_gap(qpos: np.ndarray, bodies: Bodies, robot: Robot) -> Kinematics
     Without names, each link of ours is compared with the nearest of the file's bodies.
     """
     ours = body_states(robot, qpos, np.zeros((len(qpos), robot.model.nv)))["body_pos_w"]
-    distance = distances(ours, bodies)
-    names = LINK_NAMES if bodies.names is None else bodies.names
+    distance = distances(ours, bodies, robot.spec)
+    names = robot.spec.link_names if bodies.names is None else bodies.names
     frame, body = np.unravel_index(distance.argmax(), distance.shape)
     return KinematicsGap(float(distance.max()), float(distance.mean()), names[body], int(frame))
 
 
-def distances(ours: np.ndarray, bodies: Bodies) -> np.ndarray:
+def distances(ours: np.ndarray, bodies: Bodies, spec: RobotSpec) -> np.ndarray:
     """Of each compared body from ours [T, 27, 3], in metres: [T, n], or [T, 24] without names."""
-    names = LINK_NAMES if bodies.names is None else bodies.names
-    ours = ours[:, [TRACKED_BODIES.index(name) for name in names]]
+    names = spec.link_names if bodies.names is None else bodies.names
+    ours = ours[:, spec.bodies(names)]
     if bodies.names is not None:
         return np.linalg.norm(ours - bodies.pos_w, axis=-1)
     nearest = [
@@ -65,8 +65,10 @@ def with_order(recorded: Recorded, conventions: Conventions, robot: Robot) -> Ra
         MotionFileError: see ``interpret``; or the bodies do not tell.
     """
     if conventions.joint_order != "open":
-        return interpret(recorded, conventions)
-    readings = [interpret(recorded, replace(conventions, joint_order=o)) for o in ORDERS]
+        return interpret(recorded, conventions, robot.spec)
+    readings = [
+        interpret(recorded, replace(conventions, joint_order=order), robot.spec) for order in ORDERS
+    ]
     if np.array_equal(readings[0].qpos, readings[1].qpos):
         return readings[0]
     if readings[0].bodies is None:
@@ -77,7 +79,7 @@ def with_order(recorded: Recorded, conventions: Conventions, robot: Robot) -> Ra
             "(BeyondMimic)"
         )
     thin = thinned(recorded, _COMPARED_FRAMES)
-    gaps = [_mean_gap(interpret(thin, r.conventions), robot) for r in readings]
+    gaps = [_mean_gap(interpret(thin, r.conventions, robot.spec), robot) for r in readings]
     first, second = np.argsort(gaps)[:2]
     found = readings[0].bodies.names is not None or gaps[first] < FOUND_M
     if gaps[first] > 0.5 * gaps[second] or not found:

@@ -64,7 +64,7 @@ def check_plausible(
     if better is not None and (not now.stands or now.beyond_rad > clamp_rad):
         what = now.fault
         if not what and now.beyond_rad > clamp_rad:
-            what = furthest_beyond(raw.qpos[:, QPOS_JOINTS], robot.joint_range_rad)[1]
+            what = furthest_beyond(raw.qpos[:, QPOS_JOINTS], robot.spec)[1]
         what = what or "the robot does not stand upright on the floor"
         raise MotionFileError(f"{what}; {suggestion(raw.conventions, better[0])}")
     if now.fault:

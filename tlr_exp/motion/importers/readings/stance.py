@@ -11,8 +11,8 @@ from tlr_exp.motion.importers.raw import Bodies, RawMotion
 from tlr_exp.motion.importers.readings.kinematics import distances
 from tlr_exp.motion.joint_limits import beyond_limits
 from tlr_exp.motion.quaternions import rotate
-from tlr_exp.robot.g1 import FEET, TRACKED_BODIES
 from tlr_exp.robot.model import Robot
+from tlr_exp.robot.spec import SIDES
 
 FRAMES = 25  # looked at, evenly over the motion
 # Beyond these nothing is a motion on a floor at z = 0: a tenth of the frames deeper, half of them
@@ -23,7 +23,6 @@ SPEED_M_S = 10.0
 # A robot that stands upright on the floor, as nearly all motions do in most of their frames.
 UPRIGHT, ON_FLOOR_M, SPREAD_M = 0.8, 0.2, 0.5
 
-_TORSO = TRACKED_BODIES.index("torso_link")
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -85,21 +84,25 @@ class StanceMeter:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._data = mujoco.MjData(robot.model)
-        self._soles = [sole_points(robot, side) for side in range(len(FEET))]
+        self._soles = [sole_points(robot, side) for side in range(len(SIDES))]
 
     def measure(self, raw: RawMotion) -> Stance:
         """Look at a motion in some of its frames, at its speed and its joints in all."""
         rows = np.unique(np.linspace(0, len(raw.qpos) - 1, FRAMES).round().astype(int))
         pos, quat = self._poses(raw.qpos[rows])
+        spec = self._robot.spec
+        torso = spec.tracked_bodies.index(spec.torso_name)
         gap = 0.0
         if raw.bodies is not None:
-            gap = float(distances(pos, Bodies(raw.bodies.names, raw.bodies.pos_w[rows])).mean())
+            gap = float(
+                distances(pos, Bodies(raw.bodies.names, raw.bodies.pos_w[rows]), spec).mean()
+            )
         heights = [
             (pos[:, None, foot] + rotate(quat[:, None, foot], sole[None]))[..., 2].min(axis=1)
-            for foot, sole in zip(FEET, self._soles, strict=True)
+            for foot, sole in zip(spec.feet, self._soles, strict=True)
         ]
         lowest = np.minimum(np.minimum(*heights), pos[..., 2].min(axis=1))
-        axes = rotate(quat[:, FEET], _Z)[..., 2]
+        axes = rotate(quat[:, spec.feet], _Z)[..., 2]
         lower = np.where(heights[0] < heights[1], axes[:, 0], axes[:, 1])
         steps = np.linalg.norm(np.diff(raw.qpos[:, :3], axis=0), axis=1) * raw.fps
         low, high = np.percentile(lowest, [10, 90])
@@ -108,7 +111,7 @@ class StanceMeter:
             lowest_m=float(np.median(lowest)),
             low_m=float(low),
             high_m=float(high),
-            up=float(np.median(rotate(quat[:, _TORSO], _Z)[:, 2])),
+            up=float(np.median(rotate(quat[:, torso], _Z)[:, 2])),
             tilt_rad=float(np.median(np.arccos(np.clip(lower, -1, 1)))),
             speed_m_s=float(np.percentile(steps, 95)),
             beyond_rad=float(beyond_limits(joints, self._robot.joint_range_rad).max()),
