@@ -26,7 +26,8 @@ from tlr_exp.config.load import (
 from tlr_exp.config.overrides import explain_mistakes, overridden_keys
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
 from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
-from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.directory import FINISHED
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.training.next_scale import next_step
 from tlr_exp.training.resuming import FinishedError, is_run, resumption, run_to_resume, store_of_run

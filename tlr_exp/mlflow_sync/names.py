@@ -12,8 +12,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from tlr_exp.config.nested import flat
+from tlr_exp.records.directory import FAILED, FINISHED, RUNNING
 from tlr_exp.records.extending import extensions
-from tlr_exp.records.run_directory import FAILED, FINISHED, RUNNING
 
 RUN_ID_TAG = "tlr_exp.run_id"
 STATUS_TAG = "tlr_exp.status"
@@ -36,17 +37,7 @@ def plain_name(name: str) -> str:
 
 def flat_parameters(config: Mapping[str, Any]) -> dict[str, str]:
     """A nested configuration as {"a.b.c": text}; lists and empty dicts as JSON, cut to 6000."""
-    flat: dict[str, str] = {}
-
-    def visit(prefix: str, value: Any) -> None:
-        if isinstance(value, Mapping) and value:
-            for key, item in value.items():
-                visit(f"{prefix}.{key}" if prefix else str(key), item)
-        elif prefix:
-            flat[plain_name(prefix)] = _text(value)[:_MAX_PARAM]
-
-    visit("", config)
-    return flat
+    return {plain_name(key): _text(value)[:_MAX_PARAM] for key, value in flat(config).items()}
 
 
 def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:

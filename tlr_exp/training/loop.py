@@ -27,9 +27,10 @@ from tlr_exp.motion.authoring.script import KeyframeError
 from tlr_exp.ppo.learner import NonFiniteLossError
 from tlr_exp.ppo.networks import in_float32
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
+from tlr_exp.records.directory import FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.extending import former_totals
 from tlr_exp.records.metrics_file import DamagedMetricsError
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.reward.objectives import NonFiniteReturnsError
 from tlr_exp.training.build import build_trainer

@@ -20,8 +20,9 @@ from tlr_exp.config.settings import Settings
 from tlr_exp.config.versions import of_any_version
 from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
+from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.extending import ITERATIONS, extend, extensions, total_iterations
-from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.

@@ -21,8 +21,8 @@ from analysis.data.run_directories import from_run_directories
 from analysis.data.runs import RunRecord
 from analysis.data.study import Study, StudyError
 from analysis.data.tables import from_tables, write_tables
-from tlr_exp.mlflow_sync.run import sync_run
 from tlr_exp.mlflow_sync.store import Metric, MlflowClient, open_client
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 
 EXPERIMENT = "five seeds"
 SEEDS, ITERATIONS = 2, 5
@@ -34,7 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("made")
     study = make_study(np.random.default_rng(0), seeds=range(SEEDS), iterations=ITERATIONS)
     for path in write_run_directories(study, root / "runs"):
-        sync_run(path, f"sqlite:///{root / 'mlflow.db'}", EXPERIMENT)
+        RunUpload(path, f"sqlite:///{root / 'mlflow.db'}", EXPERIMENT).push()
     return root
 
 
