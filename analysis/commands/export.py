@@ -17,9 +17,11 @@ from analysis.commands.sources import (
     with_advice,
 )
 from analysis.data.starts import STARTS
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Study
 from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_tables
+from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.records.outputs import add_force
 from tlr_exp.records.places import plain_command
 
 _EPILOG = """\
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command=plain_command(shlex.join(["tlr-export", *words])),
             force=options.force,
         )
-    except StudyError as error:
+    except UserError as error:
         print(f"tlr-export: {with_advice(str(error))}", file=sys.stderr)
         return 1
     for line in _report(study, options.output):
@@ -72,11 +74,7 @@ def export_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
     )
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help=f"replace {', '.join(FILES)} and {STARTS} in a FOLDER that is not empty",
-    )
+    add_force(parser, f"{', '.join(FILES)} and {STARTS} in a FOLDER that is not empty")
     return parser
 
 

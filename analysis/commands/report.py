@@ -14,10 +14,11 @@ from analysis.commands.sources import (
     study_of,
     with_advice,
 )
-from analysis.data.study import StudyError
 from analysis.report.content import gather
-from analysis.report.pages import ReportExistsError, check_place, write_report
+from analysis.report.pages import check_place, write_report
+from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import show_any_text
+from tlr_exp.records.outputs import add_force
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,10 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commands = options.repeat or study.runs["command"].tolist()
         report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
         page = write_report(report, options.output, options.force)
-    except StudyError as error:
+    except UserError as error:
         print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
         return 1
-    except (ReportExistsError, OSError) as error:
+    except OSError as error:
         print(f"tlr-report: {error}", file=sys.stderr)
         return 1
     print(page)
@@ -60,7 +61,7 @@ def report_parser() -> argparse.ArgumentParser:
         metavar="COMMAND",
         help="shown as the command that repeats the study (default: the sweep that its runs make)",
     )
-    parser.add_argument("--force", action="store_true", help="replace a report that is there")
+    add_force(parser, "a report that is there")
     return parser
 
 

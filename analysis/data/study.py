@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype, is_integer_dtype
 
+from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION, METHOD_NAMES
+from tlr_exp.records.directory import FINISHED, STATUSES
 
-FINISHED = "finished"
-STATUSES = (FINISHED, "running", "failed", "interrupted")
 BASELINE_METHOD = "fixed"
 
 # Columns of `Study.runs`, whose index is called RUN.
@@ -29,7 +29,7 @@ NUMBER_COLUMNS = ("seed", "num_envs", "iterations", "control_steps")
 CURVE_KEYS = (RUN, "arm", "seed", ITERATION)
 
 
-class StudyError(ValueError):
+class StudyError(UserError):
     """The data are no usable study; each line of the message names one problem."""
 
 

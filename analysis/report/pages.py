@@ -14,13 +14,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.report.content import Report
 from analysis.report.verdicts import Verdict
+from tlr_exp.errors import UserError
 
 PAGE, MARKDOWN, NUMBERS, FIGURES = "report.html", "report.md", "statistics.json", "figures"
 FIGURES_PDF, LATEX = "figures.pdf", "comparison.tex"
 BESIDE = (FIGURES_PDF, LATEX, NUMBERS, MARKDOWN)
 
 
-class ReportExistsError(ValueError):
+class ReportExistsError(UserError):
     """A report is there already and was not to be replaced; the message says how."""
 
 

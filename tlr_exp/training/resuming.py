@@ -9,12 +9,8 @@ from typing import Any
 from tlr_exp.config.identity import NOT_IDENTITY, run_identity
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.config.limits import RESUME_MODES
-from tlr_exp.config.load import (
-    ConfigError,
-    load_settings,
-    value_at,
-    with_value,
-)
+from tlr_exp.config.load import ConfigError, load_settings
+from tlr_exp.config.nested import value_at, with_value
 from tlr_exp.config.past_runs import check_files, with_kept_motion
 from tlr_exp.config.settings import Settings
 from tlr_exp.config.versions import of_any_version
