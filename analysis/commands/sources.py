@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,9 +19,10 @@ from analysis.data.settings import OPTIMIZER
 from analysis.data.starts import of_runs, read_starts, starts_beside
 from analysis.data.study import Study, StudyError
 from analysis.data.tables import from_tables, is_exported
+from tlr_exp.mlflow_sync.tracking_uri import STORE, URI_VARIABLE, default_tracking_uri
 from tlr_exp.records.places import plain_text
 
-URI_VARIABLE, STORE = "MLFLOW_TRACKING_URI", Path("runs/mlflow.db")
+RUNS_DIR = Path("runs")  # where the store is looked for unless a URI is given
 
 
 def load_study(
@@ -52,28 +52,34 @@ def load_study(
     if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
         study = rechecked(from_tables(paths[0]))
         return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
-    records, notes = [], []
-    rolled_out = [] if starts is None else [read_starts(Path(starts))]
+    exported = [from_tables(path) for path in paths if is_exported(path)]
+    folders = [path for path in paths if not is_exported(path)]
+    records = [record for study in exported for record in records_of(study)]
     if experiment:
         from analysis.data.load import from_mlflow  # MLflow takes seconds to import
 
-        records += from_mlflow(tracking_uri or default_tracking_uri(), experiment, sweep)
-    for path in filter(is_exported, paths):
-        exported = from_tables(path)
-        records += records_of(exported)
-        notes += exported.notes
-        if starts is None and len(exported.starts):
-            rolled_out.append(exported.starts)
-    folders = [path for path in paths if not is_exported(path)]
+        records += from_mlflow(tracking_uri or default_tracking_uri(RUNS_DIR), experiment, sweep)
     if folders:
         records += from_run_directories(folders, bool(choices.get("allow_unfinished")))
-    beside = dict.fromkeys(filter(None, map(starts_beside, folders)))
-    rolled_out += [read_starts(path) for path in beside] if starts is None else []
     told = dict.fromkeys(key for folder in folders for key in arms_of_sweep(folder))
     study = checked(publishable(records), arm_keys or tuple(told) or (OPTIMIZER,), **choices)
     # What was left out or noted at an earlier export is true still.
+    notes = [note for each in exported for note in each.notes]
     study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
-    return _with_starts(study, rolled_out)
+    return _with_starts(study, _roll_outs(exported, folders, starts))
+
+
+def _roll_outs(
+    exported: Sequence[Study], folders: Sequence[Path], starts: str | Path | None
+) -> list[pd.DataFrame]:
+    """Those in the CSV `starts`; without one, those of exported studies, and beside runs."""
+    if starts is not None:
+        return [read_starts(Path(starts))]
+    beside = dict.fromkeys(filter(None, map(starts_beside, folders)))
+    return [
+        *(study.starts for study in exported if len(study.starts)),
+        *(read_starts(path) for path in beside),
+    ]
 
 
 def _with_starts(study: Study, tables: Sequence[pd.DataFrame]) -> Study:
@@ -101,7 +107,7 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
         "--tracking-uri",
         metavar="URI",
         help=f"http://HOST:PORT or sqlite:///FILE; by default the variable {URI_VARIABLE}, else "
-        f"sqlite:///{STORE}",
+        f"sqlite:///{RUNS_DIR / STORE}",
     )
     parser.add_argument(
         "--starts",
@@ -178,11 +184,6 @@ def study_of(options: argparse.Namespace) -> Study:
         options.starts,
         **{name: value for name, value in chosen.items() if value},
     )
-
-
-def default_tracking_uri() -> str:
-    """The variable MLFLOW_TRACKING_URI where it is set, else the store in runs/."""
-    return os.environ.get(URI_VARIABLE) or f"sqlite:///{STORE.absolute()}"
 
 
 def source_names(options: argparse.Namespace) -> list[str]:

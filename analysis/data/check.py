@@ -9,26 +9,25 @@ from typing import Any, Literal
 
 from analysis.data.runs import DIRTY, RunRecord, records_of, study_from
 from analysis.data.settings import (
-    NOT_LEARNED,
     OPTIMIZER,
     TOLD,
     arm_labels,
     differences,
-    flat,
     labelled_keys,
     spread,
     told_differences,
     unknown_keys,
 )
 from analysis.data.study import (
-    FINISHED,
-    STATUSES,
     Study,
     StudyError,
     arm_order,
     iteration_problems,
 )
+from tlr_exp.config.identity import NOT_IDENTITY
+from tlr_exp.config.nested import flat
 from tlr_exp.keys import ITERATION
+from tlr_exp.records.directory import FINISHED, RUNNING, STATUSES
 
 Labelled = tuple[str, RunRecord]  # with the label of its arm
 
@@ -49,7 +48,7 @@ def checked(
     Refused are runs of several motions where these are arms, since errors on one motion are none on
     another; and all at once: unfinished runs and finished ones that lack iterations; seeds that one
     arm has and another lacks; two runs of one arm and seed; settings that differ beyond the arm
-    keys, the seed, and the keys that do not change what is learned (`settings.NOT_LEARNED`).
+    keys, the seed, and the keys that do not change what is learned (`identity.NOT_IDENTITY`).
     Different commits, versions and machines are not refused but become notes of the study.
 
     allow_unfinished: take unfinished runs as far as they have come (those without any iteration are
@@ -76,7 +75,7 @@ def checked(
         *_unfinished_problems(runs, allow_unfinished),
         *_duplicate_problems(runs),
         *_seed_problems(runs),
-        *differences([run for _, run in runs], arm_keys, [*NOT_LEARNED, *ignore]),
+        *differences([run for _, run in runs], arm_keys, [*NOT_IDENTITY, *ignore]),
     ]
     if problems:
         raise StudyError("\n".join(problems))
@@ -113,14 +112,14 @@ def rechecked(study: Study) -> Study:
         StudyError: one line per problem, with the run's name.
     """
     records = records_of(study)
-    keys = {key for record in records for key in flat(record.config)}
+    keys = {key for record in records for key in flat(record.comparable)}
     noted = [key for key in keys if any(note.startswith(f"{key} differs") for note in study.notes)]
     problems = [
         f"{run.name}: {_state(run)}"
         for run in records
         if not is_finished(run) and not any(n.startswith(f"{run.name} is ") for n in study.notes)
     ]
-    problems += differences(records, labelled_keys(records, study.arms), [*NOT_LEARNED, *noted])
+    problems += differences(records, labelled_keys(records, study.arms), [*NOT_IDENTITY, *noted])
     if problems:
         raise StudyError("\n".join(problems))
     seeds = [*_seed_problems([*zip(study.runs["arm"], records, strict=True)])]
@@ -217,7 +216,7 @@ def _unfinished_problems(runs: Sequence[Labelled], allow_unfinished: bool) -> It
 
 
 def _state(run: RunRecord) -> str:
-    words = {"running": "still running, or was killed,"}
+    words = {RUNNING: "still running, or was killed,"}
     done = f"after {len(run.curve)} of {run.iterations} iterations"
     return f"{words.get(run.status, run.status)} {done}"
 

@@ -1,18 +1,14 @@
-"""The runs of a study out of an MLflow store. The one file of the analysis that imports mlflow."""
+"""The runs of a study out of an MLflow store. Importing it imports MLflow, which takes seconds."""
 
 from __future__ import annotations
 
 import json
-import logging
 import math
-import os
-import re
 import sqlite3
 import tempfile
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -20,31 +16,30 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from analysis.data.run_directories import CONFIG, MANIFEST, read_json, read_yaml
 from analysis.data.runs import RunRecord, run_record
 from analysis.data.study import StudyError
+from tlr_exp.config.nested import with_value
 from tlr_exp.keys import FINAL_PREFIX, ITERATION
+from tlr_exp.mlflow_sync.names import (
+    EXTENDED_TAG,
+    KIND_SWEEP,
+    KIND_TAG,
+    RUN_ID_TAG,
+    STATUS_TAG,
+    SWEEP_TAG,
+    VERSION_PREFIX,
+)
+from tlr_exp.mlflow_sync.store import MlflowException, TrackingError, open_client, tracking_errors
+from tlr_exp.mlflow_sync.tracking_uri import sqlite_path
+from tlr_exp.records.credentials import hide_password
+from tlr_exp.records.directory import MANIFEST, RecordError
+from tlr_exp.records.extending import ITERATIONS
+from tlr_exp.records.run_directory import CONFIG, RunDirectory
 
-# As in tlr_exp.mlflow_sync.names. A run without the first is none of training's.
-RUN_ID_TAG, STATUS_TAG, KIND_TAG, SWEEP_TAG = "tlr_exp.run_id", "tlr_exp.status", "kind", "sweep"
-KIND_SWEEP, VERSION_PREFIX, EXTENDED_TAG = "sweep", "version.", "extended_to"
-
-_SQLITE = "sqlite:///"
 _PAGE = 1000  # runs a search, MLflow's limit
 _AT_ONCE = 500  # runs a query; SQLite takes at most 999 variables in some builds
 _REQUESTS = 8  # to a server at a time
 _POINTS = ["run", "key", "step", "timestamp", "value"]
-# Usage reports and progress bars off; a server that is away is noticed in seconds, not minutes.
-_ENVIRONMENT = {
-    "MLFLOW_DISABLE_TELEMETRY": "true",
-    "DO_NOT_TRACK": "true",
-    "MLFLOW_CONFIGURE_LOGGING": "false",
-    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
-    "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
-    "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
-    "GIT_PYTHON_REFRESH": "quiet",
-}
 
 
 def from_mlflow(tracking_uri: str, experiment: str, sweep: str | None = None) -> list[RunRecord]:
@@ -58,20 +53,14 @@ def from_mlflow(tracking_uri: str, experiment: str, sweep: str | None = None) ->
     Raises:
         StudyError: the store or the experiment is not there, or a run cannot be read.
     """
-    with _errors_of(tracking_uri):
-        client = _open(tracking_uri)
-        found = client.get_experiment_by_name(experiment)
-        if found is None or found.lifecycle_stage != "active":
-            names = ", ".join(sorted(each.name for each in client.search_experiments()))
-            place = hide_password(tracking_uri)
-            raise StudyError(f"{place} has no experiment {experiment!r}; it has: {names}")
-        runs = [run for run in _all_runs(client, found.experiment_id) if _is_training(run)]
-        runs = [run for run in runs if sweep is None or sweep in _sweeps(run)]
-        if not runs:
-            what = f" of the sweep {sweep}" if sweep else ""
-            raise StudyError(f"the MLflow experiment {experiment!r} has no training run{what}")
-        points = _points(client, tracking_uri, runs)
-        parts = [_manifest_and_config(client, run) for run in runs]
+    try:
+        with tracking_errors(tracking_uri):
+            client = _open(tracking_uri)
+            runs = _training_runs(client, tracking_uri, experiment, sweep)
+            points = _points(client, tracking_uri, runs)
+            parts = [_manifest_and_config(client, run) for run in runs]
+    except TrackingError as error:
+        raise StudyError(str(error)) from error
     nothing = points.iloc[:0]
     curves = dict(iter(points.groupby("run", sort=False)))
     records, problems = [], []
@@ -87,51 +76,26 @@ def from_mlflow(tracking_uri: str, experiment: str, sweep: str | None = None) ->
     return sorted(records, key=lambda record: (record.name, record.run_id))
 
 
-def hide_password(uri: str) -> str:
-    """`uri` for messages, without user name and password."""
-    scheme, separator, rest = uri.partition("://")
-    return uri if uri.startswith(_SQLITE) else f"{scheme}{separator}{rest.rpartition('@')[2]}"
-
-
-def sqlite_file(uri: str) -> Path | None:
-    """The database file of a sqlite URI, None for every other."""
-    return Path(uri.removeprefix(_SQLITE).partition("?")[0]) if uri.startswith(_SQLITE) else None
-
-
 def _open(uri: str) -> Any:
-    """A client of the store at `uri`; MLflow would make a sqlite store that is not there."""
-    database = sqlite_file(uri)
+    """A client of the store at `uri`, which is not made where there is none."""
+    database = sqlite_path(uri)
     if database is not None and not (database.is_file() and database.stat().st_size > 0):
         raise StudyError(f"there is no MLflow store {database}")
-    for name, value in _ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
-    with warnings.catch_warnings():  # what MLflow does with its own libraries is not ours to hear
-        warnings.simplefilter("ignore")
-        from mlflow.tracking import MlflowClient
-    for name in ("mlflow", "alembic"):  # the errors that matter reach us as exceptions
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    return MlflowClient(tracking_uri=uri)
+    return open_client(uri)
 
 
-@contextmanager
-def _errors_of(uri: str) -> Iterator[None]:
-    """Turn the errors of MLflow, its database and its files into one line."""
-    try:
-        yield
-    except StudyError:
-        raise
-    except Exception as error:
-        if not isinstance(error, OSError | sqlite3.Error) and not _is_of_mlflow(error):
-            raise
-        text = " ".join(str(error).split()).replace(uri, hide_password(uri))
-        if found := re.search(r"\[Errno -?\d+\] ([^'\")]+)|\(sqlite3\.\w+\) (.+?)\[", text):
-            text = (found.group(1) or found.group(2)).strip()
-        reason = text[:200] or type(error).__name__
-        raise StudyError(f"MLflow at {hide_password(uri)}: {reason}") from error
-
-
-def _is_of_mlflow(error: Exception) -> bool:
-    return type(error).__module__.partition(".")[0] in ("mlflow", "sqlalchemy", "requests")
+def _training_runs(client: Any, uri: str, experiment: str, sweep: str | None) -> list[Any]:
+    found = client.get_experiment_by_name(experiment)
+    if found is None or found.lifecycle_stage != "active":
+        names = ", ".join(sorted(each.name for each in client.search_experiments()))
+        place = hide_password(uri)
+        raise StudyError(f"{place} has no experiment {experiment!r}; it has: {names}")
+    runs = [run for run in _all_runs(client, found.experiment_id) if _is_training(run)]
+    runs = [run for run in runs if sweep is None or sweep in _sweeps(run)]
+    if not runs:
+        what = f" of the sweep {sweep}" if sweep else ""
+        raise StudyError(f"the MLflow experiment {experiment!r} has no training run{what}")
+    return runs
 
 
 def _all_runs(client: Any, experiment_id: str) -> list[Any]:
@@ -160,7 +124,7 @@ def _points(client: Any, uri: str, runs: Sequence[Any]) -> pd.DataFrame:
     From a sqlite file by SQL, which is several times faster than asking for one metric of one run
     after another, the way that every store knows.
     """
-    database = sqlite_file(uri)
+    database = sqlite_path(uri)
     if database is not None:
         points = _points_by_sql(database, [run.info.run_id for run in runs])
         if points is not None:
@@ -226,20 +190,16 @@ def _curve(points: pd.DataFrame) -> pd.DataFrame:
 def _manifest_and_config(client: Any, run: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         try:
-            paths = [
-                Path(client.download_artifacts(run.info.run_id, name, folder))
-                for name in (MANIFEST, CONFIG)
-            ]
-            manifest, config = read_json(paths[0]), read_yaml(paths[1])
-        except Exception as error:
-            if not isinstance(error, OSError | StudyError) and not _is_of_mlflow(error):
-                raise
+            for name in (MANIFEST, CONFIG):
+                client.download_artifacts(run.info.run_id, name, folder)
+            manifest, config = RunDirectory(folder).manifest, RunDirectory(folder).config
+        except (OSError, RecordError, MlflowException):
             config = _config_from_parameters(run.data.params)
             if extended := run.data.tags.get(EXTENDED_TAG):  # parameters keep their first values
-                config.setdefault("scale", {})["iterations"] = _value(extended)
+                config = with_value(config, ITERATIONS, _value(extended))
             return _manifest_from_tags(run), config
     # A killed run's own manifest says running for ever.
-    return {**manifest, "status": run.data.tags.get(STATUS_TAG, manifest.get("status"))}, config
+    return {**manifest, "status": run.data.tags.get(STATUS_TAG, manifest["status"])}, config
 
 
 def _manifest_from_tags(run: Any) -> dict[str, Any]:
@@ -271,11 +231,7 @@ def _manifest_from_tags(run: Any) -> dict[str, Any]:
 def _config_from_parameters(parameters: Mapping[str, str]) -> dict[str, Any]:
     config: dict[str, Any] = {}
     for key, text in parameters.items():
-        *parents, name = key.split(".")
-        group = config
-        for parent in parents:
-            group = group.setdefault(parent, {})
-        group[name] = _value(text)
+        config = with_value(config, key, _value(text))
     return config
 
 

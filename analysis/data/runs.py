@@ -6,12 +6,14 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from analysis.data.study import CURVE_KEYS, RUN, Study, StudyError, rows_of
+from tlr_exp.config.versions import of_any_version
 from tlr_exp.keys import ITERATION
 
 DIRTY = "-dirty"  # behind a commit: the source had local changes
@@ -43,6 +45,11 @@ class RunRecord:
     packages: Mapping[str, str]
     config: Mapping[str, Any]
     curve: pd.DataFrame
+
+    @cached_property
+    def comparable(self) -> dict[str, Any]:
+        """The configuration as this version writes it, whichever version the run is of."""
+        return of_any_version(self.config)
 
     @property
     def num_envs(self) -> int:

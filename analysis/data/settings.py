@@ -9,19 +9,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from analysis.data.runs import RunRecord
+from tlr_exp.config.nested import flat, value_at
 
 OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
 SEED = "seed"
 RECIPE = "recipe"  # runs from before it had a name learned by the paper's
 
-# Keys that change where or how a run is made, not what it learns; as NOT_IDENTITY of
-# tlr_exp.config.identity, which the analysis cannot import. A test compares the two.
-NOT_LEARNED = (
-    *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
-    *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
-    *("scale.checkpoint_every", "scale.keep_checkpoints", "precision", "recipe"),
-)
-# Of these, the ones that change what is measured, and so are said.
+# Of the keys that do not change what is learned (NOT_IDENTITY), those that change what is
+# measured, and so are said.
 TOLD = (
     *("num_threads", "physics.num_threads", "precision"),
     *("scale.evaluate_every", "scale.evaluate_starts"),
@@ -30,34 +25,14 @@ TOLD = (
 ABSENT = object()  # in place of the value of a key that a configuration does not have
 
 
-def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """A nested configuration as {"a.b.c": value}; lists and empty mappings are values."""
-    values: dict[str, Any] = {}
-    for name, value in config.items():
-        key = f"{prefix}{name}"
-        if isinstance(value, Mapping) and value:
-            values |= flat(value, f"{key}.")
-        else:
-            values[key] = value
-    return values
-
-
 def covers(keys: Iterable[str], key: str) -> bool:
     """Whether `key` is one of `keys` or lies in a group that is."""
     return any(key == each or key.startswith(f"{each}.") for each in keys)
 
 
-def setting(config: Mapping[str, Any], key: str) -> Any:
-    """The value or group at a dotted key; None where there is none."""
-    value: Any = config
-    for name in key.split("."):
-        value = value.get(name) if isinstance(value, Mapping) else None
-    return value
-
-
 def unknown_keys(records: Sequence[RunRecord], keys: Iterable[str]) -> Iterator[str]:
     """One line per key that no run's configuration has, with the nearest that there is."""
-    known = {name for record in records for name in flat(record.config)}
+    known = {name for record in records for name in flat(record.comparable)}
     parts = [name.split(".") for name in known]
     groups = {".".join(path[:depth]) for path in parts for depth in range(1, len(path))}
     for key in keys:
@@ -94,7 +69,7 @@ def labelled_keys(records: Sequence[RunRecord], arms: Iterable[str]) -> list[str
     """The configuration keys that the labels of `arm_labels` speak of, and the optimizer."""
     parts = [part.strip().partition("=") for arm in arms for part in arm.split(",")]
     names = {name for name, equals, _ in parts if equals}
-    paths = [key.split(".") for record in records for key in flat(record.config)]
+    paths = [key.split(".") for record in records for key in flat(record.comparable)]
     known = {".".join(path[:depth]) for path in paths for depth in range(1, len(path) + 1)}
     told = sorted(key for key in known if {key, key.rpartition(".")[2]} & names)
     return [OPTIMIZER, *told]
@@ -104,7 +79,7 @@ def _arm_text(record: RunRecord, key: str) -> str | None:
     """The value of an arm key in a label: an exchangeable part by the name of its class."""
     if key == OPTIMIZER:
         return record.method
-    value = setting(record.config, key)
+    value = value_at(record.comparable, key)
     if isinstance(value, Mapping) and isinstance(value.get("_target_"), str):
         return value["_target_"].rpartition(".")[2]
     return None if value is None else text_of(value)
@@ -125,7 +100,7 @@ def differences(
     Not compared are the seed, the arm keys and the `ignored` ones. Settings within a group that is
     an arm key, such as the optimizer's, are compared between runs that have the same there.
     """
-    configs = [flat(record.config) for record in records]
+    configs = [flat(record.comparable) for record in records]
     for key in dict.fromkeys(name for config in configs for name in config):
         if key == SEED or key in arm_keys or covers(ignored, key):
             continue
@@ -166,7 +141,7 @@ def _comparable(value: Any) -> str:
 
 def told_differences(records: Sequence[RunRecord], keys: Iterable[str]) -> Iterator[str]:
     """One sentence per key that differs, though runs that differ in it may be compared."""
-    configs = [flat(record.config) for record in records]
+    configs = [flat(record.comparable) for record in records]
     names = sorted({name for config in configs for name in config if covers(keys, name)})
     for key in names:
         values = [text_of(config.get(key, ABSENT)) for config in configs]

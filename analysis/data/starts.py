@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.data.study import RUN, StudyError
+from tlr_exp.records.sweep_directory import SWEEPS
 
 PHASE, ITERATION = "start_phase", "iteration"
 # Columns that say which roll-out it is, not how it went.
@@ -106,7 +107,7 @@ def starts_beside(folder: Path) -> Path | None:
     """
     resolved = folder.resolve()
     places = [resolved, resolved.parent]
-    if resolved.parent.name == "sweeps":
+    if resolved.parent.name == SWEEPS:
         places.append(resolved.parents[1])
     for place in places:
         found = {

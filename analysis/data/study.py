@@ -14,9 +14,8 @@ from pandas.api.types import is_float_dtype, is_integer_dtype
 
 from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION, METHOD_NAMES
+from tlr_exp.records.directory import FINISHED, STATUSES
 
-FINISHED = "finished"
-STATUSES = (FINISHED, "running", "failed", "interrupted")
 BASELINE_METHOD = "fixed"
 
 # Columns of `Study.runs`, whose index is called RUN.

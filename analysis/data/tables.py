@@ -19,7 +19,6 @@ import shutil
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +28,11 @@ import pyarrow.parquet as pq
 
 from analysis.data.starts import STARTS, csv_of_starts, of_runs, parse_starts, read_starts
 from analysis.data.study import CURVE_KEYS, RUN, Study, StudyError
+from tlr_exp.records.directory import MANIFEST, TABLE_SUFFIX
+from tlr_exp.records.provenance import package_versions
+from tlr_exp.records.storage import json_bytes, write_through
 
-RUNS, CURVES, MANIFEST = "runs.parquet", "curves.parquet", "manifest.json"
+RUNS, CURVES = f"runs{TABLE_SUFFIX}", f"curves{TABLE_SUFFIX}"
 FILES = (RUNS, CURVES, MANIFEST)  # that every exported study has
 FORMAT, VERSION = "tlr_exp study", 1
 
@@ -57,13 +59,12 @@ def write_tables(
     if len(study.starts):
         tables[STARTS] = csv_of_starts(study.starts, study.runs)
     manifest = _manifest(study, tables, list(source), command)
-    text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     try:
         shutil.rmtree(beside, ignore_errors=True)
         beside.mkdir(parents=True)
-        for name, data in {**tables, MANIFEST: text.encode()}.items():
-            _write(beside / name, data)
+        for name, data in {**tables, MANIFEST: json_bytes(manifest)}.items():
+            write_through(beside / name, data)
         if occupied:
             for name in (*tables, MANIFEST):
                 os.replace(beside / name, folder / name)
@@ -154,14 +155,10 @@ def is_exported(folder: Path) -> bool:
 def _manifest(
     study: Study, tables: Mapping[str, bytes], source: list[str], command: str
 ) -> dict[str, Any]:
-    try:
-        version = metadata.version("tlr_exp")
-    except metadata.PackageNotFoundError:
-        version = ""
     return {
         "format": FORMAT,
         "format_version": VERSION,
-        "tlr_exp": version,
+        "tlr_exp": package_versions(("tlr_exp",)).get("tlr_exp", ""),
         "created_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "source": source,
         "command": command,
@@ -186,13 +183,6 @@ def _parquet(frame: pd.DataFrame) -> bytes:
     table, buffer = pa.Table.from_pandas(frame, preserve_index=False), io.BytesIO()
     pq.write_table(table, buffer, compression="zstd", compression_level=9, **encoding)
     return buffer.getvalue()
-
-
-def _write(path: Path, data: bytes) -> None:
-    with open(path, "wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _checked_bytes(path: Path, sums: Mapping[str, str]) -> bytes:

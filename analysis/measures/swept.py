@@ -8,9 +8,12 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from analysis.data.settings import NOT_LEARNED, SEED, covers, flat
+from analysis.data.settings import SEED, covers
 from analysis.data.study import Study
 from analysis.measures.endpoints import tail_mean
+from tlr_exp.config.identity import NOT_IDENTITY
+from tlr_exp.config.nested import flat
+from tlr_exp.config.versions import of_any_version
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ def end_of_training(study: Study, metric: str, arm: str) -> np.ndarray:
 def _config(study: Study, arm: str) -> dict[str, Any]:
     """What the runs of an arm learn with, flat; they agree in it, or the study would not load."""
     text = study.runs.loc[study.runs["arm"] == arm, "config"].iloc[0]
-    ignored = (*NOT_LEARNED, SEED)
-    return {k: value for k, value in flat(json.loads(text)).items() if not covers(ignored, k)}
+    config, ignored = flat(of_any_version(json.loads(text))), (*NOT_IDENTITY, SEED)
+    return {key: value for key, value in config.items() if not covers(ignored, key)}
 
 
 def _differing(configs: dict[str, dict[str, Any]], arms: list[str]) -> set[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from analysis.data.settings import RECIPE, setting
+from analysis.data.settings import RECIPE
 from analysis.data.study import Study, pretty_arm
 from analysis.measures.quantities import COST, COST_OF_ROLL_OUT, quantity
 from analysis.measures.rollouts import Rollouts
@@ -23,6 +23,7 @@ from analysis.report.verdicts import Verdict
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.results import Interval
 from tlr_exp import keys
+from tlr_exp.config.nested import value_at
 
 # Per cent, five seeds, Figure 13.
 PAPER_IMPROVEMENT = {keys.TRAIN_UPPER_BODY_ERROR: 4.25, keys.TRAIN_LOWER_BODY_ERROR: 4.98}
@@ -227,7 +228,7 @@ def subtitle(study: Study) -> str:
     size = f"{runs['num_envs'].iloc[0]} environments, {study.iterations} iterations"
     motion = ", ".join(sorted(runs["motion"].unique()))
     scale = ", ".join(sorted(runs["scale"].unique()))
-    recipe = ", ".join(sorted({setting(json.loads(c), RECIPE) or "paper" for c in runs["config"]}))
+    recipe = ", ".join(sorted({value_at(json.loads(c), RECIPE) or "paper" for c in runs["config"]}))
     arms = ", ".join(pretty_arm(arm) for arm in study.arms)
     return (
         f"Motion {motion}; scale {scale}: {size}; recipe {recipe}; arms: {arms}; "

@@ -12,7 +12,7 @@ from typing import Any
 
 from matplotlib.backends.backend_pdf import PdfPages
 
-from analysis.data.settings import RECIPE, setting
+from analysis.data.settings import RECIPE
 from analysis.data.study import Study
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.figures.drawing import NotDrawnError
@@ -26,6 +26,7 @@ from analysis.report.latex import latex_table
 from analysis.report.repeat import one_command
 from analysis.report.sections import Found, Picture, Section, found_in
 from analysis.statistics.nulls import FalsePositiveRates
+from tlr_exp.config.nested import value_at
 
 Progress = Callable[[str], None]
 
@@ -105,7 +106,7 @@ def gather(
 
 
 def _names_recipe(study: Study) -> bool:
-    return any(setting(json.loads(config), RECIPE) for config in study.runs["config"])
+    return any(value_at(json.loads(config), RECIPE) for config in study.runs["config"])
 
 
 def carrier_of(pictures: Sequence[Picture], evidence: Evidence) -> Picture | None:

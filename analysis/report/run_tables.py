@@ -4,11 +4,11 @@ import json
 import math
 from collections.abc import Iterable
 
-from analysis.data.settings import flat
 from analysis.data.study import Study, pretty_arm
 from analysis.figures.reward_terms import table_1
 from analysis.report.cells import MISSING, Table, duration
 from tlr_exp import keys
+from tlr_exp.config.nested import flat
 
 
 def runs_table(study: Study) -> Table:

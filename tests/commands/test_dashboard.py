@@ -14,7 +14,7 @@ from stores import answers, free_port, wait_until
 
 from tlr_exp.commands import dashboard
 from tlr_exp.commands.dashboard import main, pages, what_is_missing
-from tlr_exp.mlflow_sync.run import sync_run
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -70,7 +70,7 @@ def test_port_that_is_taken(
 def test_pages_are_those_of_studies_with_runs(tmp_path: Path, database: Path) -> None:
     uri = f"sqlite:///{database}"
     assert pages(uri, 5000) == ["  http://127.0.0.1:5000"]
-    sync_run(RunDirectory.create(tmp_path / "a", {}, {}), uri, "my study")
+    RunUpload(RunDirectory.create(tmp_path / "a", {}, {}), uri, "my study").push()
     runs = "http://127.0.0.1:5000/#/experiments/1/runs"
     assert pages(uri, 5000) == [
         "  my study",
@@ -84,7 +84,9 @@ def test_pages_are_those_of_studies_with_runs(tmp_path: Path, database: Path) ->
 
 @pytest.mark.slow
 def test_it_serves_the_study_on_loopback(tmp_path: Path, database: Path) -> None:
-    sync_run(RunDirectory.create(tmp_path / "a", {}, {}), f"sqlite:///{database}", "my study")
+    RunUpload(
+        RunDirectory.create(tmp_path / "a", {}, {}), f"sqlite:///{database}", "my study"
+    ).push()
     port = free_port()
     command = [
         sys.executable,

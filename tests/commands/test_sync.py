@@ -7,12 +7,12 @@ import pytest
 from stores import small_run, sql, steps
 
 from tlr_exp.commands.sync import main
-from tlr_exp.mlflow_sync.mirror import (
+from tlr_exp.mlflow_sync.sources import found_below, store_of
+from tlr_exp.mlflow_sync.tracking_uri import (
     check_tracking_uri,
     default_tracking_uri,
     sqlite_path,
 )
-from tlr_exp.mlflow_sync.sources import found_below, store_of
 from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.run_directory import RunDirectory
 

@@ -16,10 +16,8 @@ from stores import free_port, log_lines, server, small_run, sql, statuses, steps
 from tlr_exp.commands import sync
 from tlr_exp.commands.sync import main
 from tlr_exp.mlflow_sync import mirror
-from tlr_exp.mlflow_sync.mirror import (
-    Mirror,
-    default_tracking_uri,
-)
+from tlr_exp.mlflow_sync.mirror import Mirror
+from tlr_exp.mlflow_sync.tracking_uri import default_tracking_uri
 from tlr_exp.records.run_directory import RunDirectory
 
 CLOSED_PORT = 9  # "discard": nothing listens there

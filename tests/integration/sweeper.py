@@ -9,7 +9,7 @@ from typing import IO
 
 from tests.patience import HANG_S, end_group, end_processes_of, wait_for
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.records.sweep_directory import SweepDirectory, find_sweeps
+from tlr_exp.records.sweep_directory import SweepDirectory
 
 LAST = 40
 SIZE = (
@@ -61,7 +61,7 @@ class Sweeper:
 
     @property
     def sweep(self) -> SweepDirectory:
-        (found,) = find_sweeps(self.folder)
+        (found,) = SweepDirectory.find(self.folder)
         return found
 
     @property

@@ -12,7 +12,8 @@ import torch
 from tests.integration.conftest import Trainer
 from tests.patience import HANG_S
 from tlr_exp.records.checkpoint import CheckpointStore, load_checkpoint
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
+from tlr_exp.records.directory import FINISHED, INTERRUPTED
+from tlr_exp.records.run_directory import RunDirectory
 
 LAST = 6
 

@@ -6,8 +6,8 @@ import signal
 
 from tests.integration.sweeper import LAST
 from tests.patience import HANG_S, wait_for
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED
-from tlr_exp.records.sweep_directory import find_sweeps
+from tlr_exp.records.directory import FINISHED, INTERRUPTED
+from tlr_exp.records.sweep_directory import SweepDirectory
 
 
 def test_a_job_that_diverges_and_one_that_is_killed_leave_the_others_alone(sweeper):
@@ -19,7 +19,7 @@ def test_a_job_that_diverges_and_one_that_is_killed_leave_the_others_alone(sweep
     )
 
     def process_to_kill() -> int | None:
-        for sweep in find_sweeps(sweeper.folder):
+        for sweep in SweepDirectory.find(sweeper.folder):
             for job in sweep.jobs():
                 if job.num == 1 and job.status == "running":
                     return job.pid
@@ -88,4 +88,4 @@ def test_mistakes_in_any_job_are_told_before_any_starts(sweeper):
     assert "job 0 (scale.num_envs=5): reward.objective.threshold_share 0.1" in output
     assert "no candidate" in output
     assert sweeper.runs == []
-    assert find_sweeps(sweeper.folder) == []
+    assert SweepDirectory.find(sweeper.folder) == []

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from stores import log_lines, sql, statuses, steps
 
-from tlr_exp.mlflow_sync.run import sync_run
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -16,7 +16,7 @@ def test_two_uploads_of_one_run_at_once_make_one_run(
     run: RunDirectory, uri: str, database: Path
 ) -> None:
     log_lines(run, range(50))
-    threads = [threading.Thread(target=sync_run, args=(run, uri, "together")) for _ in range(4)]
+    threads = [threading.Thread(target=RunUpload, args=(run, uri, "together")) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -28,7 +28,7 @@ def test_two_uploads_of_one_run_at_once_make_one_run(
 GROWING = """
 import sys
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.mlflow_sync.run import RunUpload
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 number, root = int(sys.argv[1]), sys.argv[2]
 run = RunDirectory.create(f"{root}/run{number}", {"seed": number}, {"method": "gwo"})
 upload = RunUpload(run, f"sqlite:///{root}/mlflow.db", "together")

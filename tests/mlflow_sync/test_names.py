@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tlr_exp.mlflow_sync import run as tracking
+from tlr_exp.mlflow_sync import upload_run as tracking
 from tlr_exp.mlflow_sync.names import flat_parameters, mlflow_status, plain_name, run_tags
 
 rows = st.lists(

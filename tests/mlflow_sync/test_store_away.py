@@ -16,8 +16,8 @@ import pytest
 from stores import log_lines, steps
 
 from tlr_exp.mlflow_sync import store as mlflow_store
-from tlr_exp.mlflow_sync.run import RunUpload, sync_run
 from tlr_exp.mlflow_sync.store import TrackingError, TrackingUnavailable, open_client
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.run_directory import RunDirectory
 
 FAR = "tlr_exp_test"
@@ -29,7 +29,7 @@ def test_server_that_is_down_is_noticed_in_seconds(run: RunDirectory) -> None:
         port = free.getsockname()[1]
     start = time.monotonic()
     with pytest.raises(TrackingUnavailable, match=r"http://127\.0\.0\.1:\d+: Connection refused"):
-        sync_run(run, f"http://someone:secret@127.0.0.1:{port}", FAR)
+        RunUpload(run, f"http://someone:secret@127.0.0.1:{port}", FAR).push()
     assert time.monotonic() - start < 8
 
 
@@ -40,7 +40,7 @@ def test_server_that_never_answers_is_given_up(
     with socket.create_server(("127.0.0.1", 0)) as server:
         start = time.monotonic()
         with pytest.raises(TrackingUnavailable):
-            sync_run(run, f"http://127.0.0.1:{server.getsockname()[1]}", FAR)
+            RunUpload(run, f"http://127.0.0.1:{server.getsockname()[1]}", FAR).push()
     assert time.monotonic() - start < 10
 
 
@@ -60,7 +60,7 @@ def test_locked_database_only_delays(
     timer = threading.Timer(1.5, locked.execute, ["ROLLBACK"])
     start = time.monotonic()
     timer.start()
-    assert sync_run(run, uri, FAR).iterations == 3
+    assert RunUpload(run, uri, FAR).push().iterations == 3
     assert time.monotonic() - start > 1.0
     timer.join()
     assert steps(database) == [0, 1, 2]
@@ -87,27 +87,27 @@ def test_database_locked_for_long_is_unavailable(
 ) -> None:
     monkeypatch.setattr(mlflow_store, "SQLITE_WAIT_S", 0.3)
     with pytest.raises(TrackingUnavailable, match=r"mlflow\.db: database is locked"):
-        sync_run(run, uri, FAR)
+        RunUpload(run, uri, FAR).push()
 
 
 def test_file_that_is_no_database(run: RunDirectory, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("not a database, however long it is" * 100)
     with pytest.raises(TrackingError, match=r"notes\.txt is no MLflow database") as caught:
-        sync_run(run, f"sqlite:///{tmp_path}/notes.txt", FAR)
+        RunUpload(run, f"sqlite:///{tmp_path}/notes.txt", FAR).push()
     assert not isinstance(caught.value, TrackingUnavailable)
 
 
 def test_store_below_a_file(run: RunDirectory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(TrackingUnavailable, match="File exists"):
-        sync_run(run, f"sqlite:///{tmp_path}/file/mlflow.db", FAR)
+        RunUpload(run, f"sqlite:///{tmp_path}/file/mlflow.db", FAR).push()
 
 
 def test_deleted_experiment_says_how_to_bring_it_back(run: RunDirectory, uri: str) -> None:
     client = open_client(uri)
     client.delete_experiment(client.create_experiment("gone"))
     with pytest.raises(TrackingError, match=r"'gone' was deleted: restore it .*--experiment-id"):
-        sync_run(run, uri, "gone")
+        RunUpload(run, uri, "gone").push()
 
 
 def test_run_on_read_only_media_is_brought_over(
@@ -122,12 +122,12 @@ def test_run_on_read_only_media_is_brought_over(
         return os_open(path, flags, *rest, **keywords)
 
     monkeypatch.setattr(os, "open", read_only)
-    assert sync_run(run, uri, FAR).iterations == 2
+    assert RunUpload(run, uri, FAR).push().iterations == 2
     assert steps(database) == [0, 1]
 
 
 def test_mlflow_is_silent_and_sends_nothing() -> None:
-    code = "import tlr_exp.mlflow_sync.run, os; print(os.environ['MLFLOW_DISABLE_TELEMETRY'])"
+    code = "import tlr_exp.mlflow_sync.store, os; print(os.environ['MLFLOW_DISABLE_TELEMETRY'])"
     ours = ("MLFLOW_", "DO_NOT_TRACK", "GIT_PYTHON")  # set in this process by the import above
     bare = {name: text for name, text in os.environ.items() if not name.startswith(ours)}
     command = [sys.executable, "-c", code]

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tlr_exp.records import extending
+from tlr_exp.records.directory import FINISHED, RUNNING
 from tlr_exp.records.extending import (
     complete_extension,
     extend,
@@ -12,7 +13,7 @@ from tlr_exp.records.extending import (
     former_totals,
     total_iterations,
 )
-from tlr_exp.records.run_directory import FINISHED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 
 CONFIG = {"seed": 0, "scale": {"name": "demo", "iterations": 10}, "reward": {"b": 1, "a": 2}}
 

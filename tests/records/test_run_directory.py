@@ -101,7 +101,7 @@ def test_create_on_a_full_disk_leaves_no_half_made_run(tmp_path: Path) -> None:
         original(target, data)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tlr_exp.records.run_directory.atomic_write", no_room_for_manifest)
+        patch.setattr("tlr_exp.records.directory.atomic_write", no_room_for_manifest)
         with pytest.raises(StorageError, match="No space left on device"):
             RunDirectory.create(path, CONFIG, {})
     assert not path.exists()
@@ -122,7 +122,7 @@ def test_open_says_what_a_run_directory_is(run: RunDirectory, tmp_path: Path) ->
     with pytest.raises(RunDirectoryError, match=r"cannot read .*manifest\.json"):
         RunDirectory.open(run.path)
     (run.path / "manifest.json").write_text("[1]")
-    with pytest.raises(RunDirectoryError, match="lacks run_id"):
+    with pytest.raises(RunDirectoryError, match="holds a list, not a record"):
         RunDirectory.open(run.path)
 
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tlr_exp.records.directory import ARTIFACTS
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.records.runs import ARTIFACTS, config_hash, find_run, find_runs, next_run_path
+from tlr_exp.records.runs import config_hash, find_run, next_run_path
 from tlr_exp.records.storage import StorageError
 
 plain = st.recursive(
@@ -81,9 +82,9 @@ def test_find_runs_looks_below_but_not_into_runs_or_mlflow_files(tmp_path: Path)
     for copy in (first.path / "backup", tmp_path / ARTIFACTS / "1" / "artifacts"):
         copy.mkdir(parents=True)
         (copy / "manifest.json").write_bytes((first.path / "manifest.json").read_bytes())
-    assert [run.path for run in find_runs(tmp_path)] == [second.path, first.path]
-    assert [run.path for run in find_runs(first.path)] == [first.path]
-    assert find_runs(tmp_path / "nowhere") == []
+    assert [run.path for run in RunDirectory.find(tmp_path)] == [second.path, first.path]
+    assert [run.path for run in RunDirectory.find(first.path)] == [first.path]
+    assert RunDirectory.find(tmp_path / "nowhere") == []
 
 
 def test_find_run_takes_the_latest_of_its_identity_whatever_the_status(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ from tlr_exp.records.sweep_directory import (
     JobRecord,
     SweepDirectory,
     SweepDirectoryError,
-    find_sweeps,
 )
 
 ID = "0011aabb"
@@ -32,7 +31,7 @@ def test_begin_writes_what_the_sweep_is(sweep: SweepDirectory, tmp_path: Path) -
     with sweep.lock():
         sweep.begin("tlr-train -m +sweep=five_seeds", 10, "five seeds", {"scale": "demo"})
         assert SweepDirectory.open(sweep.path).status == "running"
-    record = SweepDirectory.open(sweep.path).record
+    record = SweepDirectory.open(sweep.path).manifest
     times = {record.pop("created_at"), record.pop("updated_at")}
     assert len(record.pop("run_id")) == 36
     assert all(time.endswith("+00:00") for time in times)
@@ -53,11 +52,11 @@ def test_begin_writes_what_the_sweep_is(sweep: SweepDirectory, tmp_path: Path) -
 def test_continued_sweep_keeps_its_ids_and_its_start(sweep: SweepDirectory) -> None:
     sweep.begin("tlr-train -m", 2)
     sweep.set_status("failed", failed=[1])
-    before = sweep.record
+    before = sweep.manifest
     assert (before["status"], before["failed"]) == ("failed", [1])
     again = SweepDirectory.prepare(sweep.study_folder, "five_seeds", ID)
     again.begin("tlr-train -m", 3)
-    after = again.record
+    after = again.manifest
     for key in ("run_id", "created_at", "sweep_id"):
         assert after[key] == before[key]
     assert (after["status"], after["num_jobs"]) == ("running", 3)
@@ -88,12 +87,12 @@ with sweep.lock():
         assert process.stdout.readline() == "holds\n"
         assert sweep.is_live()
         assert sweep.status == "running"
-        message = rf"runs already in another process \(pid {process.pid} on "
+        message = rf"is in use by another process \(pid {process.pid} on "
         with pytest.raises(SweepDirectoryError, match=message), sweep.lock(timeout_s=0.1):
             pass
         process.send_signal(signal.SIGKILL)
     assert not sweep.is_live()
-    assert sweep.record["status"] == "running"
+    assert sweep.manifest["status"] == "running"
     assert sweep.status == "interrupted"
     with sweep.lock():
         assert sweep.is_live()
@@ -200,5 +199,5 @@ def test_sweeps_are_found_below_a_study(sweep: SweepDirectory, tmp_path: Path) -
     other = SweepDirectory.prepare(tmp_path / "runs" / "other", "controls", ID)
     other.begin("y", 1)
     SweepDirectory.prepare(tmp_path / "runs" / "tlr", "never_begun", ID)
-    assert [found.path for found in find_sweeps(tmp_path)] == [other.path, sweep.path]
-    assert [found.path for found in find_sweeps(sweep.path)] == [sweep.path]
+    assert [found.path for found in SweepDirectory.find(tmp_path)] == [other.path, sweep.path]
+    assert [found.path for found in SweepDirectory.find(sweep.path)] == [sweep.path]

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.records.runs import find_or_create_run, find_runs
+from tlr_exp.records.runs import find_or_create_run
 
 ASK = """
 import sys
@@ -37,7 +37,7 @@ def test_eight_processes_at_once_agree_on_one_run_for_each_identity(tmp_path):
             answers.append(process.stdout.read().strip())
         assert process.wait() == 0
     assert len(set(zip(identities, answers, strict=True))) == 2
-    found = {run.manifest["run_id"]: run.manifest["identity"] for run in find_runs(root)}
+    found = {run.manifest["run_id"]: run.manifest["identity"] for run in RunDirectory.find(root)}
     assert found == dict(zip(answers, identities, strict=True))
 
 

@@ -10,8 +10,9 @@ from tlr_exp.config.identity import run_identity
 from tlr_exp.config.input_files import file_hashes
 from tlr_exp.config.load import ConfigError
 from tlr_exp.records.checkpoint import CheckpointStore
+from tlr_exp.records.directory import FINISHED, INTERRUPTED
 from tlr_exp.records.extending import extensions, total_iterations
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.training.resuming import (
     FinishedError,
     is_run,

@@ -14,9 +14,9 @@ from typing import NoReturn
 
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
-from tlr_exp.mlflow_sync.mirror import URI_VARIABLE, default_tracking_uri, sqlite_path
+from tlr_exp.mlflow_sync.tracking_uri import URI_VARIABLE, default_tracking_uri, sqlite_path
 from tlr_exp.records.credentials import hide_password
-from tlr_exp.records.runs import find_runs
+from tlr_exp.records.run_directory import RunDirectory
 
 HOST, PORT, PORTS_TRIED = "127.0.0.1", 5000, 20
 
@@ -77,7 +77,7 @@ def what_is_missing(uri: str, runs_dir: Path) -> str | None:
     database = sqlite_path(uri)
     if database is None or (database.is_file() and database.stat().st_size > 0):
         return None
-    if runs_dir.is_dir() and find_runs(runs_dir):
+    if runs_dir.is_dir() and RunDirectory.find(runs_dir):
         todo = f"Bring the runs in {runs_dir} into it:  tlr-sync {runs_dir}"
     else:
         todo = "Train first, by `make train` or tlr-train, or name the folder of your runs."
@@ -107,7 +107,7 @@ def free_port(wanted: int | None) -> int:
 
 def pages(uri: str, port: int) -> list[str]:
     """Lines with the addresses of the studies: the list of final numbers, and the curves."""
-    from tlr_exp.mlflow_sync.view import CURVES_QUERY, NUMBERS_QUERY
+    from tlr_exp.mlflow_sync.experiment_page import CURVES_QUERY, NUMBERS_QUERY
 
     address = f"http://{HOST}:{port}"
     database = sqlite_path(uri)

@@ -8,20 +8,27 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
 from tlr_exp.mlflow_sync.following import WatchedProcess, follow, has_ended
-from tlr_exp.mlflow_sync.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE
-from tlr_exp.mlflow_sync.sources import DEFAULT_EXPERIMENT, Source, find_sources, megabytes
+from tlr_exp.mlflow_sync.sources import (
+    DEFAULT_EXPERIMENT,
+    LIMIT_VARIABLE,
+    MAX_FILE_MB,
+    Source,
+    find_sources,
+    megabytes,
+)
+from tlr_exp.mlflow_sync.tracking_uri import STORE
 from tlr_exp.records.credentials import hide_password
-from tlr_exp.records.run_directory import RUNNING, RunDirectory, RunDirectoryError
-from tlr_exp.records.sweep_directory import SweepDirectoryError, find_sweeps
+from tlr_exp.records.directory import RecordError
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.sweep_directory import SweepDirectory
 
 if TYPE_CHECKING:
-    from tlr_exp.mlflow_sync.run import SyncReport
-    from tlr_exp.mlflow_sync.sweep import SweepReport
+    from tlr_exp.mlflow_sync.upload import Upload
 
 NICENESS = 10
 DONE, LATER, REFUSED = "done", "later", "refused"  # how bringing one over ends
@@ -93,43 +100,28 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _upload_of(source: Source) -> Upload:
+    from tlr_exp.mlflow_sync.upload_run import RunUpload
+    from tlr_exp.mlflow_sync.upload_sweep import SweepUpload
+
+    kind: Any = {RunDirectory: RunUpload, SweepDirectory: SweepUpload}[type(source.folder)]
+    return kind(source.folder, source.uri, source.experiment, source.max_file_mb)
+
+
 # --- once ------------------------------------------------------------------------------------
 def _sync_one(source: Source) -> str:
     """Bring one run or sweep over and print what was; DONE, LATER or REFUSED."""
-    from tlr_exp.mlflow_sync.run import sync_run
-    from tlr_exp.mlflow_sync.store import TrackingError, TrackingUnavailable
-    from tlr_exp.mlflow_sync.sweep import sync_sweep
+    from tlr_exp.mlflow_sync.store import TrackingUnavailable
 
-    folder, where = source.folder, hide_password(source.uri)
-    target = (source.uri, source.experiment, source.max_file_mb)
     try:
-        if isinstance(folder, RunDirectory):
-            _say_run(sync_run(folder, *target), where)
-            return DONE
-        report = sync_sweep(folder, *target)
-    except (TrackingError, ValueError) as error:
-        print(f"{folder.path.name}: {error}", file=sys.stderr)
+        report = _upload_of(source).push()
+    except ValueError as error:
+        print(f"{source.folder.path.name}: {error}", file=sys.stderr)
         return LATER if isinstance(error, TrackingUnavailable) else REFUSED
-    _say_sweep(report, where)
-    return LATER if report.problems else DONE
-
-
-def _say_run(report: SyncReport, where: str, indent: str = "") -> None:
-    what = f"{report.iterations} iterations ({report.points} points), {report.files} files"
-    new = "new run, " if report.created else ""
-    print(f"{indent}{report.name}: {new}{what}, {report.status} -> {where}")
-    for note in report.notes:
-        print(f"{indent}  note: {note}")
-
-
-def _say_sweep(report: SweepReport, where: str) -> None:
-    new = "new sweep, " if report.created else ""
-    what = f"{new}{len(report.runs)} runs, {report.files} files"
-    print(f"{report.name}: {what}, {report.status} -> {where}")
-    for run in report.runs:
-        _say_run(run, where, indent="  ")
+    print("\n".join(report.lines(hide_password(source.uri))))
     for problem in report.problems:
         print(problem, file=sys.stderr)
+    return LATER if report.problems else DONE
 
 
 # --- following what trains -------------------------------------------------------------------
@@ -141,7 +133,7 @@ def _follow_one(source: Source, pid: int) -> int:
     live = _LiveUpload(source)
     try:
         done = follow(lambda: has_ended(source.folder, process), live.push)
-    except (RunDirectoryError, SweepDirectoryError) as error:
+    except RecordError as error:
         _note(f"stopped: {error}")
         return 1
     return 0 if done and not live.problems else 1
@@ -151,57 +143,28 @@ class _LiveUpload:
     """Pushes again and again, and notes what is new about it in the log."""
 
     def __init__(self, source: Source) -> None:
-        from tlr_exp.mlflow_sync.run import RunUpload
-        from tlr_exp.mlflow_sync.sweep import SweepUpload
-
-        self._source = source
+        self._upload, self._where = _upload_of(source), hide_password(source.uri)
         self._last_message = ""
-        self._mended = isinstance(source.folder, RunDirectory)
+        self._has_mended = False
         self.problems: tuple[str, ...] = ()
-        if isinstance(source.folder, RunDirectory):
-            self._upload = RunUpload(
-                source.folder, source.uri, source.experiment, max_file_mb=source.max_file_mb
-            )
-        else:
-            self._upload = SweepUpload(
-                source.folder, source.uri, source.experiment, source.max_file_mb
-            )
 
     def push(self) -> bool:
         """Whether the store took all that it can take now."""
-        from tlr_exp.mlflow_sync.store import TrackingError
-
         try:
             report = self._upload.push()
-            if not self._mended:
-                self._mend_others()
-        except (TrackingError, ValueError) as error:
+            if not self._has_mended:
+                self._upload.mend_others()
+                self._has_mended = True
+        except ValueError as error:
             message, worked = str(error), False
         else:
-            self.problems = getattr(report, "problems", ())
-            parts = [f"mirrored to {hide_password(self._source.uri)}, {report.status}"]
+            self.problems = report.problems
+            parts = [f"mirrored to {self._where}, {report.status}"]
             message, worked = "; ".join([*parts, *self.problems]), True
         if message != self._last_message:  # a server that is away for a day is one line
             _note(message)
             self._last_message = message
         return worked
-
-    def _mend_others(self) -> None:
-        """Bring over what became of other sweeps of the study that were killed with their mirror.
-
-        Otherwise MLflow would say that they run until someone calls tlr-sync.
-        """
-        from tlr_exp.mlflow_sync.sweep import SweepUpload
-
-        source = self._source
-        for sweep in find_sweeps(source.folder.path.parent):
-            with suppress(ValueError):  # damaged, and not what this mirror is for
-                if sweep.path == source.folder.path or sweep.is_live():
-                    continue
-                upload = SweepUpload(sweep, source.uri, source.experiment, source.max_file_mb)
-                if sweep.record["status"] == RUNNING and upload.is_known():
-                    upload.push()
-        self._mended = True
 
 
 def _note(message: str) -> None:

@@ -30,7 +30,8 @@ from tlr_exp.machine.terminal import (
     show_any_text,
     version_of,
 )
-from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.directory import FINISHED
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.training.next_scale import next_step
 from tlr_exp.training.resuming import FinishedError, is_run, resumption, run_to_resume, store_of_run
 from tlr_exp.training.run import check_inputs, open_run, tracking_uri, train_in

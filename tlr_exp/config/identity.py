@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
-from tlr_exp.config.load import value_at
+from tlr_exp.config.nested import value_at
 from tlr_exp.config.versions import ADDED_KEYS, with_first_names
 from tlr_exp.records.runs import config_hash
 

@@ -94,20 +94,6 @@ def _initial_file(config: Mapping[str, Any]) -> str | None:
         raise ConfigError(f"{INITIAL}: {error}") from error
 
 
-def value_at(config: Mapping[str, Any], key: str) -> Any:
-    """What a plain configuration has at a dotted key; None where it has none."""
-    value: Any = config
-    for name in key.split("."):
-        value = value.get(name) if isinstance(value, Mapping) else None
-    return value
-
-
-def with_value(config: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """A copy of a plain configuration with another value at a dotted key that it has."""
-    name, _, rest = key.partition(".")
-    return {**config, name: with_value(config[name], rest, value) if rest else value}
-
-
 def _own_keys(config: DictConfig) -> list[str]:
     return [str(key) for key in config if key != "hydra"]
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tlr_exp.config.input_files import INITIAL
+from tlr_exp.config.nested import flat, with_value
 
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
 ADDED_KEYS: dict[str, Any] = {
@@ -27,13 +28,10 @@ MOVED_MODULES = {
 
 def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:
     """The plain configuration of a run of any version with all keys, and classes by new names."""
-    complete = copy.deepcopy(dict(config))
+    complete, there = copy.deepcopy(dict(config)), flat(config)
     for key, value in ADDED_KEYS.items():
-        *parents, name = key.split(".")
-        group = complete
-        for parent in parents:
-            group = group.setdefault(parent, {})
-        group.setdefault(name, value)
+        if key not in there:
+            complete = with_value(complete, key, value)
     return _with_classes(complete, lambda target: _renamed(target, MOVED_MODULES))
 
 

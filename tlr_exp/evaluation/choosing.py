@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, chosen_checkpoint
-from tlr_exp.records.run_directory import MANIFEST
+from tlr_exp.records.directory import MANIFEST
 
 if TYPE_CHECKING:
     from tlr_exp.config.settings import Settings

@@ -24,9 +24,10 @@ from tlr_exp.export.small_clip import small_clip
 from tlr_exp.keys import EVAL_PREFIX, ITERATION
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, read_scores
+from tlr_exp.records.directory import FINISHED, MANIFEST
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.places import plain_command, plain_values
-from tlr_exp.records.run_directory import CONFIG, FINISHED, MANIFEST, MOTION, RunDirectory
+from tlr_exp.records.run_directory import CONFIG, MOTION, RunDirectory
 from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors, sync_file, sync_folder
 
 POLICY = "policy"  # the manifest's entry on the run, iteration and evaluation of the policy

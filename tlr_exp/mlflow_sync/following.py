@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tlr_exp.records.run_directory import RUNNING, RunDirectory
-from tlr_exp.records.sweep_directory import SweepDirectory
+from tlr_exp.records.directory import RUNNING, RecordDirectory
 
 TICK_S = 0.25  # how often the followed folder is looked at
 POLL_S = 2.0  # how often its new lines are brought over
@@ -43,29 +42,19 @@ def follow(is_over: Callable[[], bool], push: Callable[[], bool]) -> bool:
         time.sleep(TICK_S)
 
 
-def has_ended(source: RunDirectory | SweepDirectory, process: WatchedProcess) -> bool:
+def has_ended(source: RecordDirectory, process: WatchedProcess) -> bool:
     """Whether `process` is gone, or has itself given the run or the sweep a final status.
 
     A final status of an earlier process says nothing: this one is about to go on. A sweep whose
     process is gone has not ended while runs of it still train.
 
     Raises:
-        RunDirectoryError, SweepDirectoryError: the directory is gone.
+        RecordError: the directory is gone.
     """
     if not process.alive():
-        return not (isinstance(source, SweepDirectory) and has_live_runs(source))
-    record = source.manifest if isinstance(source, RunDirectory) else source.record
-    return record["status"] != RUNNING and record.get("pid") == process.pid
-
-
-def has_live_runs(sweep: SweepDirectory) -> bool:
-    """Whether a run that a job of the sweep began still trains.
-
-    Raises:
-        SweepDirectoryError: the record of a job is damaged.
-    """
-    running = (job.run for job in sweep.jobs() if job.status == RUNNING and job.run)
-    return any(RunDirectory(sweep.study_folder / name).is_live() for name in running)
+        return not source.has_live_runs()
+    manifest = source.manifest
+    return manifest["status"] != RUNNING and manifest.get("pid") == process.pid
 
 
 class WatchedProcess:

@@ -16,75 +16,18 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
-from urllib.parse import urlsplit
 
-from tlr_exp.records.credentials import has_credentials, hide_password
-from tlr_exp.records.run_directory import RunDirectory
-from tlr_exp.records.sweep_directory import SweepDirectory
+from tlr_exp.mlflow_sync.tracking_uri import URI_VARIABLE, check_tracking_uri
+from tlr_exp.records.credentials import has_credentials
+from tlr_exp.records.directory import RecordDirectory
 
 LOG = "sync.log"
-STORE = "mlflow.db"
-URI_VARIABLE = "MLFLOW_TRACKING_URI"
-LIMIT_VARIABLE = "TLR_SYNC_MAX_FILE_MB"
-MAX_FILE_MB = 64.0  # larger checkpoints and videos stay in the run directory (0: all of them)
-
-_SQLITE = "sqlite:///"
-_SCHEMES = ("http", "https", "sqlite", "postgresql", "mysql", "mssql")
 
 _log = logging.getLogger(__name__)
 
 # Mirrors that outlive `finish`. Kept, because a Popen object that is collected while its process
 # runs emits a ResourceWarning.
 _left_behind: list[subprocess.Popen[bytes]] = []
-
-
-def default_tracking_uri(root: str | Path) -> str:
-    """MLFLOW_TRACKING_URI where it is set, else the sqlite store mlflow.db in `root`.
-
-    Raises:
-        ValueError: the variable holds something that cannot be used (see `check_tracking_uri`).
-    """
-    from_environment = os.environ.get(URI_VARIABLE)
-    if from_environment:
-        return check_tracking_uri(from_environment)
-    return f"{_SQLITE}{Path(root).absolute() / STORE}"
-
-
-def check_tracking_uri(uri: str) -> str:
-    """`uri` with a sqlite path made absolute, because the mirror runs in another folder.
-
-    Raises:
-        ValueError: not a kind of store that MLflow 3 can write to; names the kinds.
-    """
-    scheme = urlsplit(uri).scheme.partition("+")[0]
-    if scheme not in _SCHEMES:
-        raise ValueError(
-            f"tracking URI {hide_password(uri)!r}: must be http://HOST:PORT, sqlite:///FILE or "
-            f"another of {', '.join(_SCHEMES)} (MLflow no longer writes to plain folders)"
-        )
-    if scheme != "sqlite":
-        return uri
-    path = sqlite_path(uri)
-    if path is None:
-        raise ValueError(f"tracking URI {uri!r}: name a file, as in sqlite:///runs/mlflow.db")
-    return f"{_SQLITE}{path.absolute()}"
-
-
-def sqlite_path(uri: str) -> Path | None:
-    """The database file of a sqlite URI, None for every other URI and for one in memory."""
-    if not uri.startswith(_SQLITE):
-        return None
-    name = uri.removeprefix(_SQLITE).partition("?")[0]
-    return Path(name) if name and name != ":memory:" else None
-
-
-def how_to_open(uri: str, runs_dir: Path) -> str:
-    """For messages: the address of a server, or the command that opens a store."""
-    if uri.startswith("http"):
-        return hide_password(uri)
-    if sqlite_path(uri) == runs_dir / STORE:
-        return f"tlr-dashboard {runs_dir}"
-    return f"mlflow server --backend-store-uri {hide_password(uri)}"
 
 
 class Mirror:
@@ -95,7 +38,7 @@ class Mirror:
 
     def __init__(
         self,
-        source: RunDirectory | SweepDirectory,
+        source: RecordDirectory,
         uri: str | None,
         experiment: str,
         process: subprocess.Popen | None,
@@ -105,9 +48,7 @@ class Mirror:
         self._process, self._log_start = process, log_start
 
     @classmethod
-    def start(
-        cls, source: RunDirectory | SweepDirectory, tracking_uri: str | None, experiment: str
-    ) -> Mirror:
+    def start(cls, source: RecordDirectory, tracking_uri: str | None, experiment: str) -> Mirror:
         """Start the mirror of the run or the sweep of this process; `tracking_uri` None means none.
 
         A sweep must have begun (`SweepDirectory.begin`). The mirror ends after this process has
@@ -115,7 +56,7 @@ class Mirror:
         A mirror that cannot be started is logged and never an error: `finish` then says False.
 
         Raises:
-            ValueError: the URI is of no usable kind.
+            UserError: the URI is of no usable kind.
         """
         if tracking_uri is None:
             return cls(source, None, experiment, None)

@@ -12,8 +12,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from tlr_exp.config.nested import flat
+from tlr_exp.records.directory import FAILED, FINISHED, RUNNING
 from tlr_exp.records.extending import extensions
-from tlr_exp.records.run_directory import FAILED, FINISHED, RUNNING
 
 RUN_ID_TAG = "tlr_exp.run_id"
 STATUS_TAG = "tlr_exp.status"
@@ -22,6 +23,7 @@ KIND_TAG = "kind"  # "run" or "sweep"
 SWEEP_TAG = "sweep"  # of a sweep its directory's name; of a run those of all that it belongs to
 BEST_CHECKPOINT_TAG, FINAL_CHECKPOINT_TAG = "best_checkpoint", "final_checkpoint"  # artifacts
 EXTENDED_TAG = "extended_to"  # of a run trained further: how many iterations it has at its end
+VERSION_PREFIX = "version."  # and the name of a package
 PARENT_TAG = "mlflow.parentRunId"
 KIND_RUN, KIND_SWEEP = "run", "sweep"
 
@@ -36,17 +38,7 @@ def plain_name(name: str) -> str:
 
 def flat_parameters(config: Mapping[str, Any]) -> dict[str, str]:
     """A nested configuration as {"a.b.c": text}; lists and empty dicts as JSON, cut to 6000."""
-    flat: dict[str, str] = {}
-
-    def visit(prefix: str, value: Any) -> None:
-        if isinstance(value, Mapping) and value:
-            for key, item in value.items():
-                visit(f"{prefix}.{key}" if prefix else str(key), item)
-        elif prefix:
-            flat[plain_name(prefix)] = _text(value)[:_MAX_PARAM]
-
-    visit("", config)
-    return flat
+    return {plain_name(key): _text(value)[:_MAX_PARAM] for key, value in flat(config).items()}
 
 
 def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
@@ -66,13 +58,14 @@ def run_tags(manifest: Mapping[str, Any], status: str) -> dict[str, str]:
         "git_commit": git.get("commit"),
         "git_dirty": git.get("dirty"),
         "command": manifest.get("command"),
-        "version.tlr_exp": manifest.get("tlr_exp"),
-        "version.python": manifest.get("python"),
+        f"{VERSION_PREFIX}tlr_exp": manifest.get("tlr_exp"),
+        f"{VERSION_PREFIX}python": manifest.get("python"),
         # What MLflow's own pages show as version and source.
         "mlflow.source.git.commit": git.get("commit"),
         "mlflow.source.name": program(manifest.get("command")),
     }
-    tags |= {f"version.{name}": text for name, text in (manifest.get("packages") or {}).items()}
+    packages = manifest.get("packages") or {}
+    tags |= {f"{VERSION_PREFIX}{name}": text for name, text in packages.items()}
     tags |= manifest.get("tags") or {}
     if made := extensions(manifest):  # a parameter of MLflow keeps its first value
         tags[EXTENDED_TAG] = made[-1]["iterations"]

@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
-from tlr_exp.mlflow_sync.mirror import (
-    LIMIT_VARIABLE,
-    MAX_FILE_MB,
+from tlr_exp.errors import UserError
+from tlr_exp.mlflow_sync.tracking_uri import (
     STORE,
     URI_VARIABLE,
     check_tracking_uri,
     default_tracking_uri,
 )
-from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
-from tlr_exp.records.runs import find_runs
-from tlr_exp.records.sweep_directory import SweepDirectory, SweepDirectoryError, find_sweeps
+from tlr_exp.records.directory import RecordDirectory, RecordError
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.sweep_directory import SweepDirectory
 
 DEFAULT_EXPERIMENT = "tlr_exp"
+LIMIT_VARIABLE = "TLR_SYNC_MAX_FILE_MB"
+MAX_FILE_MB = 64.0  # larger checkpoints and videos stay in the run directory (0: all of them)
 
 
 @dataclass(frozen=True)
 class Source:
     """A run or a sweep to bring over, and where to."""
 
-    folder: RunDirectory | SweepDirectory
+    folder: RecordDirectory
     uri: str
     experiment: str
     max_file_mb: float
@@ -40,7 +42,7 @@ class Found:
     problems: a sentence for each folder that looks like a run or a sweep and cannot be read.
     """
 
-    folders: dict[RunDirectory | SweepDirectory, Path]
+    folders: dict[RecordDirectory, Path]
     problems: tuple[str, ...]
 
 
@@ -56,13 +58,13 @@ def find_sources(
     Beside them a sentence for each folder that cannot be read.
 
     Raises:
-        ValueError: a path that holds nothing usable, or a URI or limit that cannot be.
+        UserError: a path that holds nothing usable, or a URI or limit that cannot be.
     """
     limit = limit_of_environment() if max_file_mb is None else max_file_mb
     found = found_below(paths)
     sources = []
     for folder, root in found.folders.items():
-        name = experiment or _study_of(folder) or DEFAULT_EXPERIMENT
+        name = experiment or folder.study or DEFAULT_EXPERIMENT
         sources.append(Source(folder, store_of(folder, root, tracking_uri), name, limit))
     return sources, found.problems
 
@@ -71,7 +73,7 @@ def megabytes(text: str) -> float:
     """A size that is not negative.
 
     Raises:
-        ValueError: it is, or is no number.
+        ValueError: it is, or is no number (argparse's own kind of refusal).
     """
     size = float(text)
     if not size >= 0:
@@ -83,83 +85,62 @@ def limit_of_environment() -> float:
     """Megabytes of the largest file that is brought over.
 
     Raises:
-        ValueError: the variable TLR_SYNC_MAX_FILE_MB is no such number.
+        UserError: the variable TLR_SYNC_MAX_FILE_MB is no such number.
     """
     text = os.environ.get(LIMIT_VARIABLE) or str(MAX_FILE_MB)
     try:
         return megabytes(text)
     except ValueError as error:
-        raise ValueError(f"{LIMIT_VARIABLE}: {error}") from error
+        raise UserError(f"{LIMIT_VARIABLE}: {error}") from error
 
 
 def found_below(paths: Sequence[str]) -> Found:
     """The sweeps and runs named or contained in `paths`. Runs of a sweep come with it.
 
     Raises:
-        RunDirectoryError, SweepDirectoryError: there is nothing usable; the first reason.
+        RecordError: there is nothing usable; the first reason.
     """
     roots: dict[Path, Path] = {}
-    sweeps: dict[Path, SweepDirectory] = {}
-    runs: dict[Path, RunDirectory] = {}
-    problems: dict[Path, ValueError] = {}
-    for path in paths:
-        found_sweeps, found_runs = find_sweeps(path), find_runs(path)
-        if not found_sweeps and not found_runs:
-            RunDirectory.open(path)  # says what is wrong with it
-        for folder in (*found_sweeps, *found_runs):
-            roots.setdefault(folder.path, Path(path).absolute())
+    folders: dict[Path, RecordDirectory] = {}
+    problems: dict[Path, RecordError] = {}
+    come_with_sweeps: set[Path] = set()
+    usable: set[str] = set()
+    for kind, root in product((SweepDirectory, RunDirectory), paths):
+        for folder in kind.find(root):
+            usable.add(root)
+            roots.setdefault(folder.path, Path(root).absolute())
             try:
-                if isinstance(folder, SweepDirectory):
-                    sweeps[folder.path] = SweepDirectory.open(folder.path)
-                else:
-                    runs[folder.path] = RunDirectory.open(folder.path)
-            except (RunDirectoryError, SweepDirectoryError) as error:
+                folders[folder.path] = kind.open(folder.path)
+                come_with_sweeps.update(folder.runs_of_jobs())
+            except RecordError as error:
+                folders.pop(folder.path, None)
                 problems[folder.path] = error
-    for path in _runs_of_sweeps(sweeps, problems):
-        runs.pop(path, None)
-    folders = {**sweeps, **runs}
+    for path in paths:
+        if path not in usable:
+            RunDirectory.open(path)  # says what is wrong with it
     if problems and not folders:
         raise next(iter(problems.values()))
     where = {
         folder: path.parent if path == roots[path] else roots[path]
         for path, folder in folders.items()
+        if path not in come_with_sweeps
     }
     return Found(where, tuple(str(error) for error in problems.values()))
 
 
-def _runs_of_sweeps(
-    sweeps: dict[Path, SweepDirectory], problems: dict[Path, ValueError]
-) -> Iterator[Path]:
-    """Where the runs of these sweeps lie. A sweep with a damaged record moves to the problems."""
-    for path, sweep in list(sweeps.items()):
-        try:
-            jobs = sweep.jobs()
-        except SweepDirectoryError as error:
-            problems[path] = error
-            del sweeps[path]
-            continue
-        yield from (sweep.study_folder / job.run for job in jobs if job.run is not None)
-
-
-def _study_of(folder: RunDirectory | SweepDirectory) -> str | None:
-    if isinstance(folder, SweepDirectory):
-        return folder.record["study"]
-    return folder.manifest.get("tags", {}).get("experiment")
-
-
-def store_of(folder: RunDirectory | SweepDirectory, root: Path, given: str | None) -> str:
+def store_of(folder: RecordDirectory, root: Path, given: str | None) -> str:
     """The store for `folder`: the one given, the environment's, one beside or above it, or new.
 
     Raises:
-        ValueError: a URI of no usable kind.
+        UserError: a URI of no usable kind.
     """
     if given is not None:
         return check_tracking_uri(given)
-    study = folder.study_folder if isinstance(folder, SweepDirectory) else folder.path.parent
+    study = folder.study_folder
     if not os.environ.get(URI_VARIABLE):
         # RUNS/STUDY/RUN. No higher: a mlflow.db in a project's folder is somebody else's.
         for parent in (study, study.parent):
             if (parent / STORE).is_file():
                 return default_tracking_uri(parent)
     # Where training itself would have put it: RUNS, of RUNS/STUDY/RUN.
-    return default_tracking_uri(study.parent if study.name == _study_of(folder) else root)
+    return default_tracking_uri(study.parent if study.name == folder.study else root)

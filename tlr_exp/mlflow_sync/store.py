@@ -15,15 +15,15 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-import filelock
 from sqlalchemy.exc import SQLAlchemyError
 
 from tlr_exp.errors import UserError
 from tlr_exp.mlflow_sync.answers import PASSWORD_VARIABLE, USER_VARIABLE, wrong_answer
-from tlr_exp.mlflow_sync.mirror import sqlite_path
-from tlr_exp.mlflow_sync.view import experiment_tags
+from tlr_exp.mlflow_sync.experiment_page import experiment_tags
+from tlr_exp.mlflow_sync.tracking_uri import sqlite_path
 from tlr_exp.records.credentials import hide_password, scrub, split_credentials
-from tlr_exp.records.runs import ARTIFACTS
+from tlr_exp.records.directory import ARTIFACTS
+from tlr_exp.records.locks import hold_where_possible
 
 # Before mlflow is imported: no usage reports, no log set-up of its own, and a server that is away
 # is noticed in seconds (MLflow's own limits add up to many minutes).
@@ -31,6 +31,7 @@ for _name, _value in {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "DO_NOT_TRACK": "true",
     "MLFLOW_CONFIGURE_LOGGING": "false",
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",
     "MLFLOW_HTTP_REQUEST_BACKOFF_FACTOR": "1",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",
@@ -122,13 +123,16 @@ def open_client(uri: str) -> MlflowClient:
             return client
         database.parent.mkdir(parents=True, exist_ok=True)
         # Processes that open a new store together run MLflow's migrations into each other.
-        lock = filelock.FileLock(f"{database}.lock", timeout=MAKING_WAIT_S)
-        with lock:
+        with hold_where_possible(Path(f"{database}.lock"), _being_made, MAKING_WAIT_S):
             if database.exists() and database.stat().st_size > 0:
                 _require_readable(database)
             else:
                 _make_store(database)
             return MlflowClient(tracking_uri=uri)
+
+
+def _being_made() -> TrackingError:
+    return TrackingUnavailable("another process is making the store")
 
 
 def _without_credentials(uri: str) -> str:

@@ -18,7 +18,7 @@ from tlr_exp.mlflow_sync.names import (
     plain_tags,
     program,
 )
-from tlr_exp.records.run_directory import FAILED, FINISHED
+from tlr_exp.records.directory import FAILED, FINISHED
 from tlr_exp.records.sweep_directory import JOB_STATUSES, JobRecord
 
 SWEEP_ID_TAG = "tlr_exp.sweep_run_id"  # of a sweep's own run; "tlr_exp.run_id" is for runs

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tlr_exp.records.run_directory import RUNNING, RunDirectory, utc_now
+from tlr_exp.records.directory import RUNNING, utc_now
+from tlr_exp.records.run_directory import RunDirectory
 
 EXTENDED = "extended"  # the manifest's list of extensions, oldest first
 ITERATIONS = "scale.iterations"

@@ -11,47 +11,34 @@ run.lock        held by the process that trains
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shlex
 import sys
 import uuid
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from tlr_exp import __version__
-from tlr_exp.errors import UserError
 from tlr_exp.records import provenance
-from tlr_exp.records.locks import ELSEWHERE, hold, is_held
+from tlr_exp.records.directory import MANIFEST, RUNNING, RecordDirectory, RecordError, utc_now
+from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.metrics_file import (
     append_metrics,
     last_of_each_iteration,
     read_metrics,
     rewrite_until,
 )
-from tlr_exp.records.storage import (
-    StorageError,
-    atomic_write,
-    json_bytes,
-    storage_errors,
-    sync_file,
-)
+from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, sync_file
 
-MANIFEST, CONFIG, METRICS, LOCK = "manifest.json", "config.yaml", "metrics.jsonl", "run.lock"
+CONFIG, METRICS, LOCK = "config.yaml", "metrics.jsonl", "run.lock"
 MOTION = "motion.npz"
 EVALUATIONS = "eval"
 
-RUNNING, FINISHED, FAILED, INTERRUPTED = "running", "finished", "failed", "interrupted"
-STATUSES = (RUNNING, FINISHED, FAILED, INTERRUPTED)
 
-_LAYOUT = "A run directory holds manifest.json, config.yaml, metrics.jsonl and checkpoints/"
-
-
-class RunDirectoryError(UserError):
+class RunDirectoryError(RecordError):
     """A path is no (usable) run directory, or is in use; the message says what would be right."""
 
 
@@ -59,11 +46,14 @@ class RunInUseError(RunDirectoryError):
     """Another process holds the run."""
 
 
-class RunDirectory:
+class RunDirectory(RecordDirectory):
     """One run on disk. Make one with `create` or `open`; only the holder of `lock` may write."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    noun, manifest_name, lock_name = "run", MANIFEST, LOCK
+    layout = f"{MANIFEST}, {CONFIG}, {METRICS} and checkpoints/"
+    required = frozenset({"run_id", "name", "status"})
+    error, in_use_error = RunDirectoryError, RunInUseError
+    when_in_use = "wait for it, stop it, or start a new run"
 
     @classmethod
     def create(
@@ -86,8 +76,9 @@ class RunDirectory:
             RunDirectoryError: `path` holds something already, or `config` is not plain data.
             StorageError: the folder cannot be made or written.
         """
-        path = Path(path).absolute()
         text = _config_text(config)
+        run = cls(path)
+        path = run.path
         with storage_errors(f"cannot make the run directory {path}", ELSEWHERE):
             path.mkdir(parents=True, exist_ok=True)
             if any(path.iterdir()):
@@ -95,7 +86,6 @@ class RunDirectory:
                     f"{path} is not empty, so no new run is started in it: choose another name, "
                     "or resume the run that is there"
                 )
-        run = cls(path)
         try:
             atomic_write(path / CONFIG, text.encode())
             # Last, because a folder is a run directory from the moment it has a manifest.
@@ -108,45 +98,20 @@ class RunDirectory:
             raise StorageError(f"cannot make the run directory {path}", error, ELSEWHERE) from error
         return run
 
-    @classmethod
-    def open(cls, path: str | Path) -> RunDirectory:
-        """The run in `path`.
-
-        Raises:
-            RunDirectoryError: there is none; names the runs that lie below `path`, if any.
-        """
-        path = Path(path).absolute()
-        if not path.is_dir():
-            raise RunDirectoryError(f"{path} is not a directory. {_LAYOUT}.")
-        if not (path / MANIFEST).is_file():
-            below = sorted(found.parent.name for found in path.glob(f"*/{MANIFEST}"))
-            hint = f" It holds these runs: {', '.join(below)}." if below else ""
-            raise RunDirectoryError(f"{path} has no {MANIFEST}. {_LAYOUT}.{hint}")
-        run = cls(path)
-        _ = run.manifest
-        return run
-
-    # --- manifest and configuration ----------------------------------------------------------
     @property
-    def manifest(self) -> dict[str, Any]:
-        """manifest.json as it is on disk now.
-
-        Raises:
-            RunDirectoryError: it is missing or is not one of ours.
-        """
-        try:
-            manifest = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise RunDirectoryError(f"cannot read {self.path / MANIFEST}: {error}") from error
-        if not isinstance(manifest, dict) or not {"run_id", "name", "status"} <= manifest.keys():
-            raise RunDirectoryError(f"{self.path / MANIFEST} lacks run_id, name or status")
-        return manifest
+    def study_folder(self) -> Path:
+        """Where it lies beside the other runs of its study: runs_dir/study."""
+        return self.path.parent
 
     @property
-    def status(self) -> str:
-        """running, finished, failed or interrupted. A killed run still says running: `is_live`."""
-        return self.manifest["status"]
+    def study(self) -> str | None:
+        """The name of its study; None where it was made without one."""
+        return self.manifest.get("tags", {}).get("experiment")
 
+    def _writer(self) -> dict[str, Any]:
+        return {"pid": os.getpid(), "command": command_line()}
+
+    # --- configuration and motion ------------------------------------------------------------
     @property
     def config(self) -> dict[str, Any]:
         """The resolved configuration, from config.yaml.
@@ -156,10 +121,14 @@ class RunDirectory:
         """
         import yaml
 
+        path = self.path / CONFIG
         try:
-            return yaml.safe_load((self.path / CONFIG).read_text(encoding="utf-8")) or {}
-        except (OSError, yaml.YAMLError) as error:
-            raise RunDirectoryError(f"cannot read {self.path / CONFIG}: {error}") from error
+            config = _parsed_yaml(path.read_text(encoding="utf-8")) or {}
+        except (OSError, ValueError, yaml.YAMLError) as error:
+            raise RunDirectoryError(f"cannot read {path}: {error}") from error
+        if not isinstance(config, dict):
+            raise RunDirectoryError(f"{path} holds a {type(config).__name__}, not a configuration")
+        return config
 
     def rewrite_config(self, config: Mapping[str, Any]) -> None:
         """Replace config.yaml, for the holder of `lock`.
@@ -174,44 +143,6 @@ class RunDirectory:
     def motion_path(self) -> Path:
         """Where the motion lies that is trained on; not there in runs of earlier versions."""
         return self.path / MOTION
-
-    def set_status(self, status: str, **extra: Any) -> None:
-        """Write `status`, the pid of this process and `extra` entries into the manifest.
-
-        Raises:
-            ValueError: not one of STATUSES.
-            StorageError: the manifest cannot be written; the old one stays.
-        """
-        if status not in STATUSES:
-            raise ValueError(f"run status {status!r}: must be one of {', '.join(STATUSES)}")
-        process = {"pid": os.getpid(), "command": _command()}
-        self._write_manifest({**self.manifest, **process, **extra, "status": status})
-
-    def _write_manifest(self, manifest: dict[str, Any]) -> None:
-        atomic_write(self.path / MANIFEST, json_bytes({**manifest, "updated_at": utc_now()}))
-
-    # --- one process at a time ---------------------------------------------------------------
-    @contextmanager
-    def lock(self, timeout_s: float = 1.0) -> Iterator[None]:
-        """Hold the run for writing. The lock of a process that died is free at once (flock).
-
-        Raises:
-            RunInUseError: another process holds it, still after `timeout_s` seconds.
-            StorageError: the lock file cannot be made.
-        """
-
-        def in_use() -> RunInUseError:
-            return RunInUseError(
-                f"{self.path} is in use by another process (the manifest says pid "
-                f"{self.manifest.get('pid')}): wait for it, stop it, or start a new run"
-            )
-
-        with hold(self.path / LOCK, in_use, timeout_s):
-            yield
-
-    def is_live(self) -> bool:
-        """Whether a process holds `lock` now, by trying it for an instant."""
-        return is_held(self.path / LOCK)
 
     # --- metrics -----------------------------------------------------------------------------
     @property
@@ -271,7 +202,7 @@ def _new_manifest(
         "status": RUNNING,
         "created_at": utc_now(),
         "pid": os.getpid(),
-        "command": _command(),
+        "command": command_line(),
         "seed": config.get("seed"),
         "tags": tags,
         "git": provenance.source_revision(),
@@ -291,10 +222,16 @@ def _config_text(config: Mapping[str, Any]) -> str:
         raise RunDirectoryError(f"the configuration is not plain data: {error}") from error
 
 
-def _command() -> str:
+def _parsed_yaml(text: str) -> Any:
+    import yaml
+
+    fast: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # where PyYAML was built with it
+    try:
+        return yaml.load(text, Loader=fast)
+    except yaml.YAMLError:
+        return yaml.safe_load(text)  # which takes the surrogates in paths that are no text
+
+
+def command_line() -> str:
+    """The command of this process, its program without the folder."""
     return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-
-
-def utc_now() -> str:
-    """The time of now as the records hold it: ISO 8601, UTC, microseconds."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")

@@ -12,13 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.locks import ELSEWHERE, hold
-from tlr_exp.records.run_directory import FINISHED, MANIFEST, RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import storage_errors
-from tlr_exp.records.sweep_directory import SWEEP
-
-ARTIFACTS = "mlartifacts"  # where a local MLflow store beside the runs keeps its files
-TABLE_SUFFIX = ".parquet"  # of an exported study, which has a manifest, too, and is no run
 
 RUNS_LOCK = ".runs.lock"  # held in a study's folder while a run is looked for and made
 CREATE_TIMEOUT_S = 60.0
@@ -69,27 +66,13 @@ def next_run_path(root: str | Path, name: str) -> Path:
     raise AssertionError("unreachable: the count has no end")
 
 
-def find_runs(root: str | Path) -> list[RunDirectory]:
-    """The run directories at or below `root`, by path; does not look inside runs or sweeps."""
-    found = []
-    for folder, subfolders, files in os.walk(root):
-        if MANIFEST in files and not any(name.endswith(TABLE_SUFFIX) for name in files):
-            found.append(RunDirectory(Path(folder).absolute()))
-            subfolders.clear()
-        if SWEEP in files:
-            subfolders.clear()
-        # MLflow's copies of manifests are not runs.
-        subfolders[:] = [name for name in subfolders if name != ARTIFACTS]
-    return sorted(found, key=lambda run: run.path)
-
-
 def latest_runs(root: str | Path, prefer_finished: bool = False) -> dict[str, RunDirectory]:
     """For each identity below `root` its latest run, whatever the status.
 
     With `prefer_finished` a finished run goes before a later one that is not.
     """
     found: dict[str, tuple[bool, str, str, RunDirectory]] = {}
-    for run in find_runs(root):
+    for run in RunDirectory.find(root):
         try:
             manifest = run.manifest
         except RunDirectoryError as error:

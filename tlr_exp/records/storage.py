@@ -5,16 +5,19 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tlr_exp.errors import UserError
 
 _TAIL_BYTES = 1 << 16  # step in which the end of a file is searched for its last line break
 
 INTACT = "What was written before is intact"
+
+Content = TypeVar("Content")
 
 
 class StorageError(UserError, OSError):
@@ -57,16 +60,57 @@ def atomic_write(path: Path, data: bytes | memoryview) -> None:
     temporary = temporary_name(path)
     with storage_errors(f"cannot write {path}", _write_hint(path)):
         try:
-            with open(temporary, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
+            write_through(temporary, data)
             os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
             raise
         sync_folder(path.parent)
+
+
+def write_through(path: Path, data: bytes | memoryview) -> None:
+    """Write a file and force it onto the disk.
+
+    Raises:
+        OSError: the disk is full, read-only, ...; a part of the file may be there.
+    """
+    with open(path, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def file_state(path: Path) -> tuple[int, int, int]:
+    """Inode, size and time of a file: another one once it has been written.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def while_unchanged(read: Callable[[Path], Content]) -> Callable[[Path], Content]:
+    """`read`, which reads a file again only once that has changed.
+
+    What it gives is the same object until then, so nobody may change it.
+    """
+    known: dict[Path, tuple[tuple[int, int, int], Content]] = {}
+
+    @wraps(read)
+    def read_if_changed(path: Path) -> Content:
+        try:
+            state = file_state(path)
+        except OSError:
+            return read(path)
+        before = known.get(path)
+        if before is None or before[0] != state:
+            # The state is that before the reading: what is written meanwhile is read again.
+            before = known[path] = (state, read(path))
+        return before[1]
+
+    return read_if_changed
 
 
 def json_bytes(record: Mapping[str, Any], allow_nan: bool = True) -> bytes:

@@ -11,33 +11,36 @@ report/, figures/   what was made of the sweep; copied to its MLflow run
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import socket
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.errors import UserError
-from tlr_exp.records.locks import ELSEWHERE, hold, is_held
-from tlr_exp.records.run_directory import INTERRUPTED, RUNNING, STATUSES, utc_now
-from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors
+from tlr_exp.records.directory import (
+    RUNNING,
+    STATUSES,
+    SWEEP,
+    RecordDirectory,
+    RecordError,
+    read_record,
+    require_status,
+    this_process,
+    utc_now,
+)
+from tlr_exp.records.locks import ELSEWHERE
+from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors, while_unchanged
 
-SWEEPS, SWEEP, JOBS, SWEEP_LOCK = "sweeps", "sweep.json", "jobs", "sweep.lock"
+SWEEPS, JOBS, SWEEP_LOCK = "sweeps", "jobs", "sweep.lock"
 REPORT, FIGURES = "report", "figures"
 
 WAITING, CANCELLED = "waiting", "cancelled"  # cancelled: taken out of a cluster's queue
 JOB_STATUSES = (WAITING, *STATUSES, CANCELLED)
 
-_LAYOUT = f"A sweep directory holds {SWEEP} and {JOBS}/"
-_REQUIRED = {"sweep_id", "run_id", "name", "study", "status", "num_jobs"}
 
-
-class SweepDirectoryError(UserError):
+class SweepDirectoryError(RecordError):
     """A path is no (usable) sweep directory, or is in use; the message says what would be right."""
 
 
@@ -57,14 +60,17 @@ class JobRecord:
     host: str
 
 
-class SweepDirectory:
+class SweepDirectory(RecordDirectory):
     """One sweep on disk. Only the holder of `lock` may call `begin` and `set_status`.
 
     Each job writes its own record, by `SweepDirectory(path).write_job(...)`.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = Path(path).absolute()
+    noun, manifest_name, lock_name = "sweep", SWEEP, SWEEP_LOCK
+    layout = f"{SWEEP} and {JOBS}/"
+    required = frozenset({"sweep_id", "run_id", "name", "study", "status", "num_jobs"})
+    error = in_use_error = SweepDirectoryError
+    when_in_use = "wait for it or stop it"
 
     @classmethod
     def prepare(cls, study_folder: str | Path, name: str, sweep_id: str) -> SweepDirectory:
@@ -85,19 +91,6 @@ class SweepDirectory:
             (path / JOBS).mkdir(parents=True, exist_ok=True)
         return cls(path)
 
-    @classmethod
-    def open(cls, path: str | Path) -> SweepDirectory:
-        """The sweep in `path`.
-
-        Raises:
-            SweepDirectoryError: there is none.
-        """
-        sweep = cls(path)
-        if not (sweep.path / SWEEP).is_file():
-            raise SweepDirectoryError(f"{sweep.path} has no {SWEEP}. {_LAYOUT}.")
-        _ = sweep.record
-        return sweep
-
     # --- the sweep ---------------------------------------------------------------------------
     @property
     def study_folder(self) -> Path:
@@ -105,22 +98,9 @@ class SweepDirectory:
         return self.path.parents[1]
 
     @property
-    def record(self) -> dict[str, Any]:
-        """sweep.json as it is on disk now.
-
-        Raises:
-            SweepDirectoryError: it is missing or is not one of ours.
-        """
-        record = _read(self.path / SWEEP)
-        if missing := _REQUIRED - record.keys():
-            raise SweepDirectoryError(f"{self.path / SWEEP} lacks {', '.join(sorted(missing))}")
-        return record
-
-    @property
-    def status(self) -> str:
-        """running, finished, failed or interrupted; interrupted for a sweep that was killed."""
-        status = self.record["status"]
-        return INTERRUPTED if status == RUNNING and not self.is_live() else status
+    def study(self) -> str:
+        """The name of its study."""
+        return self.manifest["study"]
 
     def begin(
         self,
@@ -137,9 +117,9 @@ class SweepDirectory:
             SweepDirectoryError: a sweep.json is there and is damaged.
             StorageError: it cannot be written; the old one stays.
         """
-        before = self.record if (self.path / SWEEP).exists() else {}
+        before = self.manifest if self.manifest_path.exists() else {}
         name, _, sweep_id = self.path.name.rpartition("-")
-        self._write_record(
+        self._write_manifest(
             {
                 "sweep_id": sweep_id,
                 "run_id": before.get("run_id") or str(uuid.uuid4()),
@@ -148,52 +128,12 @@ class SweepDirectory:
                 "status": RUNNING,
                 "command": command,
                 "created_at": before.get("created_at") or utc_now(),
-                **_process(),
+                **this_process(),
                 "num_jobs": num_jobs,
                 "description": description,
                 "tags": dict(tags or {}),
             }
         )
-
-    def set_status(self, status: str, **extra: Any) -> None:
-        """Write `status`, this process and `extra` entries into sweep.json.
-
-        Raises:
-            ValueError: not one of running, finished, failed, interrupted.
-            StorageError: it cannot be written; the old one stays.
-        """
-        _require_status(status, STATUSES)
-        self._write_record({**self.record, **_process(), **extra, "status": status})
-
-    def _write_record(self, record: dict[str, Any]) -> None:
-        _write(self.path / SWEEP, {**record, "updated_at": utc_now()})
-
-    # --- one process at a time ---------------------------------------------------------------
-    @contextmanager
-    def lock(self, timeout_s: float = 1.0) -> Iterator[None]:
-        """Hold the sweep. The lock of a process that died is free at once.
-
-        Raises:
-            SweepDirectoryError: another process holds it, still after `timeout_s` seconds.
-            StorageError: the lock file cannot be made.
-        """
-
-        def in_use() -> SweepDirectoryError:
-            try:
-                holder = "pid {pid} on {host}".format_map(self.record)
-            except (SweepDirectoryError, KeyError):
-                holder = "it has just begun"
-            return SweepDirectoryError(
-                f"the sweep {self.path} runs already in another process ({holder}): "
-                "wait for it or stop it"
-            )
-
-        with hold(self.path / SWEEP_LOCK, in_use, timeout_s):
-            yield
-
-    def is_live(self) -> bool:
-        """Whether a process holds `lock` now, by trying it for an instant."""
-        return is_held(self.path / SWEEP_LOCK)
 
     # --- jobs --------------------------------------------------------------------------------
     def job_path(self, num: int) -> Path:
@@ -217,13 +157,24 @@ class SweepDirectory:
         Raises:
             SweepDirectoryError: it is missing or damaged.
         """
-        path = self.job_path(num)
-        record = _read(path)
-        names = {field.name for field in fields(JobRecord)}
-        if missing := names - record.keys():
-            raise SweepDirectoryError(f"{path} lacks {', '.join(sorted(missing))}")
-        known = {name: record[name] for name in names}
-        return JobRecord(**{**known, "overrides": tuple(record["overrides"])})
+        return _read_job(self.job_path(num))
+
+    def runs_of_jobs(self) -> list[Path]:
+        """Where the runs of its jobs lie or lay, of those that have begun.
+
+        Raises:
+            SweepDirectoryError: the record of a job is damaged.
+        """
+        return [self.study_folder / job.run for job in self.jobs() if job.run]
+
+    def has_live_runs(self) -> bool:
+        """Whether a run that a job of the sweep began still trains.
+
+        Raises:
+            SweepDirectoryError: the record of a job is damaged.
+        """
+        running = (job.run for job in self.jobs() if job.status == RUNNING and job.run)
+        return any(RunDirectory(self.study_folder / name).is_live() for name in running)
 
     def write_job(
         self,
@@ -244,7 +195,7 @@ class SweepDirectory:
             SweepDirectoryError: the record that is there is damaged.
             StorageError: it cannot be written; the old one stays.
         """
-        _require_status(status, JOB_STATUSES)
+        require_status(status, JOB_STATUSES)
         path = self.job_path(num)
         before = self.job(num) if path.exists() else None
         now = utc_now()
@@ -257,44 +208,19 @@ class SweepDirectory:
             error=error,
             created_at=_of(before, "created_at") or now,
             updated_at=now,
-            **_process(),
+            **this_process(),
         )
-        _write(path, asdict(job))
+        atomic_write(path, json_bytes(asdict(job)))
         return job
 
 
-def find_sweeps(root: str | Path) -> list[SweepDirectory]:
-    """The sweep directories at or below `root`, by path; does not look inside runs or sweeps."""
-    found = []
-    for folder, subfolders, files in os.walk(root):
-        if SWEEP in files:
-            found.append(SweepDirectory(folder))
-            subfolders.clear()
-    return sorted(found, key=lambda sweep: sweep.path)
-
-
-def _process() -> dict[str, Any]:
-    return {"pid": os.getpid(), "host": socket.gethostname()}
+@while_unchanged
+def _read_job(path: Path) -> JobRecord:
+    names = {field.name for field in fields(JobRecord)}
+    record = read_record(path, names, SweepDirectoryError)
+    known = {name: record[name] for name in names}
+    return JobRecord(**{**known, "overrides": tuple(record["overrides"])})
 
 
 def _of(job: JobRecord | None, name: str) -> Any:
     return None if job is None else getattr(job, name)
-
-
-def _require_status(status: str, allowed: tuple[str, ...]) -> None:
-    if status not in allowed:
-        raise ValueError(f"status {status!r}: must be one of {', '.join(allowed)}")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise SweepDirectoryError(f"cannot read {path}: {error}") from error
-    if not isinstance(record, dict):
-        raise SweepDirectoryError(f"{path} holds a {type(record).__name__}, not a record")
-    return record
-
-
-def _write(path: Path, record: Mapping[str, Any]) -> None:
-    atomic_write(path, json_bytes(record))

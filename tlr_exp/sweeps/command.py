@@ -15,8 +15,10 @@ from omegaconf import DictConfig, OmegaConf
 
 from tlr_exp.config.load import ConfigError
 from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG
-from tlr_exp.mlflow_sync.mirror import Mirror, how_to_open
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
+from tlr_exp.mlflow_sync.mirror import Mirror
+from tlr_exp.mlflow_sync.tracking_uri import how_to_open
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.run_directory import RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import CANCELLED, SWEEPS, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table

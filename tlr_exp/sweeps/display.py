@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.sweep_directory import CANCELLED, WAITING
 from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState, Pace, counts
 from tlr_exp.training.progress import clock

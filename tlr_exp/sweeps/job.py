@@ -22,14 +22,8 @@ from tlr_exp.machine.terminal import (
     show_any_text,
 )
 from tlr_exp.mlflow_sync.following import WatchedProcess
-from tlr_exp.records.run_directory import (
-    FAILED,
-    FINISHED,
-    INTERRUPTED,
-    RUNNING,
-    RunDirectory,
-    RunInUseError,
-)
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.run_directory import RunDirectory, RunInUseError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SweepDirectory
 from tlr_exp.sweeps.spec import RUN_LOG, read_spec, with_threads

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.sweep_directory import CANCELLED, WAITING, SweepDirectory
 from tlr_exp.sweeps.display import SweepDisplay
 from tlr_exp.sweeps.launching import Launcher

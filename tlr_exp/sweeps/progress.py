@@ -10,7 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, METRICS, RUNNING
+from tlr_exp.records.directory import FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.run_directory import METRICS
+from tlr_exp.records.storage import while_unchanged
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.spec import PlannedJob
 
@@ -82,6 +84,7 @@ def _state(sweep: SweepDirectory, job: PlannedJob) -> JobState:
     )
 
 
+@while_unchanged
 def last_iteration(metrics: Path) -> int:
     """The iteration of the last whole line of a metrics file; 0 where there is none."""
     with suppress(OSError), open(metrics, "rb") as file:

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.records.run_directory import RUNNING
+from tlr_exp.records.directory import RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.progress import QUEUED_AGAIN, Remark

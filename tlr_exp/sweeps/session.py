@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING, SWEEP
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.runs import latest_runs
-from tlr_exp.records.sweep_directory import CANCELLED, SWEEP, WAITING, SweepDirectory
+from tlr_exp.records.sweep_directory import CANCELLED, WAITING, SweepDirectory
 from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.parallel import LauncherError, RefusedError
 from tlr_exp.sweeps.spec import Plan, PlannedJob, write_spec
@@ -51,7 +52,7 @@ class Session:
 
     def is_finished(self) -> bool:
         """Whether an earlier attempt finished the sweep, and all of its runs are still there."""
-        if not (self.sweep.path / SWEEP).is_file() or self.sweep.record["status"] != FINISHED:
+        if not (self.sweep.path / SWEEP).is_file() or self.sweep.manifest["status"] != FINISHED:
             return False
         runs = latest_runs(self.plan.study_folder, prefer_finished=True) if self.plan.go_on else {}
         found = [runs.get(job.identity) for job in self.plan.jobs]

@@ -21,14 +21,8 @@ from typing import Any
 
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
 from tlr_exp.mlflow_sync.following import WatchedProcess
-from tlr_exp.records.run_directory import (
-    FAILED,
-    FINISHED,
-    INTERRUPTED,
-    RUNNING,
-    RunDirectory,
-    RunDirectoryError,
-)
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import THREAD_VARIABLES

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from tlr_exp.assembly.learner import build_ppo
 from tlr_exp.assembly.robot import spec_of
 from tlr_exp.config.input_files import INITIAL
-from tlr_exp.config.load import ConfigError, value_at
+from tlr_exp.config.load import ConfigError
+from tlr_exp.config.nested import value_at
 from tlr_exp.config.settings import Settings
 from tlr_exp.config.versions import of_any_version
 from tlr_exp.env.observations import observation_dims

@@ -28,8 +28,9 @@ from tlr_exp.machine.cores import available_cores
 from tlr_exp.machine.precision import chosen_precision
 from tlr_exp.ppo.networks import in_float32
 from tlr_exp.records.checkpoint import CheckpointStore
+from tlr_exp.records.directory import FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.extending import former_totals
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.training.build import build_trainer
 from tlr_exp.training.initial_policy import begin_with

@@ -9,19 +9,16 @@ from typing import Any
 from tlr_exp.config.identity import NOT_IDENTITY, run_identity
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.config.limits import RESUME_MODES
-from tlr_exp.config.load import (
-    ConfigError,
-    load_settings,
-    value_at,
-    with_value,
-)
+from tlr_exp.config.load import ConfigError, load_settings
+from tlr_exp.config.nested import value_at, with_value
 from tlr_exp.config.past_runs import check_files, with_kept_motion
 from tlr_exp.config.settings import Settings
 from tlr_exp.config.versions import of_any_version
 from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
+from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.extending import ITERATIONS, extend, extensions, total_iterations
-from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.

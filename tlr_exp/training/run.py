@@ -15,15 +15,12 @@ from tlr_exp.config.limits import check_starts
 from tlr_exp.config.load import ConfigError
 from tlr_exp.config.settings import Settings
 from tlr_exp.errors import UserError
-from tlr_exp.mlflow_sync.mirror import (
-    Mirror,
-    check_tracking_uri,
-    default_tracking_uri,
-    how_to_open,
-)
+from tlr_exp.mlflow_sync.mirror import Mirror
+from tlr_exp.mlflow_sync.tracking_uri import check_tracking_uri, default_tracking_uri, how_to_open
 from tlr_exp.records.credentials import has_credentials
+from tlr_exp.records.directory import FAILED, INTERRUPTED, RUNNING
 from tlr_exp.records.extending import complete_extension
-from tlr_exp.records.run_directory import FAILED, INTERRUPTED, RUNNING, RunDirectory
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.runs import find_or_create_run, next_run_path
 from tlr_exp.records.storage import StorageError
 

@@ -21,8 +21,9 @@ from analysis.data.run_directories import from_run_directories
 from analysis.data.runs import RunRecord
 from analysis.data.study import Study, StudyError
 from analysis.data.tables import from_tables, write_tables
-from tlr_exp.mlflow_sync.run import sync_run
 from tlr_exp.mlflow_sync.store import Metric, MlflowClient, open_client
+from tlr_exp.mlflow_sync.upload_run import RunUpload
+from tlr_exp.records.run_directory import RunDirectory
 
 EXPERIMENT = "five seeds"
 SEEDS, ITERATIONS = 2, 5
@@ -34,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("made")
     study = make_study(np.random.default_rng(0), seeds=range(SEEDS), iterations=ITERATIONS)
     for path in write_run_directories(study, root / "runs"):
-        sync_run(path, f"sqlite:///{root / 'mlflow.db'}", EXPERIMENT)
+        RunUpload(RunDirectory(path), f"sqlite:///{root / 'mlflow.db'}", EXPERIMENT).push()
     return root
 
 
@@ -229,7 +230,7 @@ def test_a_store_or_experiment_that_is_not_there(uri: str, tmp_path: Path) -> No
     damaged = tmp_path / "damaged.db"
     damaged.write_bytes(b"this is no database" * 100)
     (line,) = error_of(from_mlflow, f"sqlite:///{damaged}", "x").splitlines()
-    assert line.startswith(f"MLflow at sqlite:///{damaged}: ")
+    assert line.startswith(f"{damaged} is no MLflow database: ")
 
 
 @contextmanager

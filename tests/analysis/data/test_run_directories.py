@@ -61,7 +61,7 @@ def test_a_line_torn_by_a_kill_and_an_iteration_written_twice(runs: Path) -> Non
     assert len(from_run_directories(path)[0].curve) == 5
     with open(metrics, "a") as file:
         file.write(f"{json.dumps(again)}\n")
-    assert error_of(path) == f"{metrics}: line 7 is damaged"
+    assert error_of(path).startswith(f"{metrics}: the line at byte ")
 
 
 def test_a_run_that_has_just_begun_has_an_empty_curve(runs: Path) -> None:
@@ -81,8 +81,8 @@ def test_damaged_runs_are_named_all_at_once(runs: Path) -> None:
     config = (four / "config.yaml").read_text().replace("num_steps: 24", "num_steps: many")
     (four / "config.yaml").write_text(config)
     lines = error_of(runs).splitlines()
-    assert lines[0] == f"{one / 'config.yaml'}: No such file or directory"
-    assert lines[1].startswith(f"{two / 'config.yaml'}: is damaged (")
+    assert lines[0].startswith(f"cannot read {one / 'config.yaml'}: ")
+    assert lines[1].startswith(f"cannot read {two / 'config.yaml'}: ")
     assert lines[2] == f"{three}: manifest.json: seed is None; it must be an integer"
     assert lines[3] == f"{three}: manifest.json has no tags.method, the name of the optimizer"
     assert lines[4] == f"{four}: config.yaml: ppo.num_steps is 'many'; it must be an integer"

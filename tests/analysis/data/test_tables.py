@@ -273,7 +273,7 @@ def test_a_write_that_fails_leaves_what_was_there(
             raise OSError(28, os.strerror(28))
         path.write_bytes(data)
 
-    monkeypatch.setattr(tables, "_write", full)
+    monkeypatch.setattr(tables, "write_through", full)
     with pytest.raises(StudyError, match=r"cannot write .*: No space left on device"):
         write_tables(study(9), folder, force=True)
     assert [path.name for path in tmp_path.iterdir()] == (["study"] if occupied else [])

@@ -15,7 +15,8 @@ from tlr_exp.commands import evaluate
 from tlr_exp.commands.evaluate.arms import arms_of
 from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_of, runs_in
 from tlr_exp.evaluation.records import read_starts
-from tlr_exp.records.run_directory import FAILED, FINISHED, RunDirectory
+from tlr_exp.records.directory import FAILED, FINISHED
+from tlr_exp.records.run_directory import RunDirectory
 
 NAME = "000005-native-2starts.json"
 

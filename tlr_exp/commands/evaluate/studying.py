@@ -23,9 +23,9 @@ from tlr_exp.evaluation.records import (
     write_whole,
 )
 from tlr_exp.machine.cores import available_cores
+from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.outputs import check_free
-from tlr_exp.records.run_directory import FINISHED, RunDirectory
-from tlr_exp.records.runs import find_runs
+from tlr_exp.records.run_directory import RunDirectory
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _paths_of(given: Path) -> Iterator[Path]:
     if not is_folder_of_runs(given):
         yield given
         return
-    for run in find_runs(given):
+    for run in RunDirectory.find(given):
         try:
             status = run.status
         except ValueError:  # a manifest that cannot be read, which ``choose`` will explain

@@ -8,7 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
+from tlr_exp.records.directory import FINISHED
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import RefusedError
 from tlr_exp.sweeps.progress import Remark

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import FrameType
 
 from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import JOBS, WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import LauncherError

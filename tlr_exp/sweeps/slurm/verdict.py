@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED
+from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED
 from tlr_exp.records.sweep_directory import CANCELLED, WAITING
 from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, Remark
 from tlr_exp.sweeps.slurm import commands

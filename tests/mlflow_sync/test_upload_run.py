@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from stores import log_lines, small_run, sql, steps
 
-from tlr_exp.mlflow_sync import run as tracking
-from tlr_exp.mlflow_sync.run import RunUpload, sync_run
+from tlr_exp.mlflow_sync import upload_run as tracking
 from tlr_exp.mlflow_sync.store import MlflowClient, TrackingUnavailable, open_client
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.extending import extend
 from tlr_exp.records.run_directory import RunDirectory
 
@@ -27,7 +27,7 @@ def test_everything_arrives(run: RunDirectory, uri: str, database: Path) -> None
     (run.path / "eval").mkdir()
     (run.path / "eval" / "iteration_1.json").write_text("{}")
     run.set_status("finished")
-    report = sync_run(run, uri, FAR)
+    report = RunUpload(run, uri, FAR).push()
     assert (report.created, report.iterations, report.status) == (True, 2, "FINISHED")
     client = open_client(uri)
     there = client.get_run(report.mlflow_run_id)
@@ -67,17 +67,17 @@ def test_nothing_is_written_to_the_current_folder(
 ) -> None:
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    sync_run(run, uri, FAR)
+    RunUpload(run, uri, FAR).push()
     assert list((tmp_path / "here").iterdir()) == []
 
 
 def test_second_sync_adds_nothing(run: RunDirectory, uri: str, database: Path) -> None:
     log_lines(run, range(7))
     run.set_status("finished")
-    first = sync_run(run, uri, FAR)
+    first = RunUpload(run, uri, FAR).push()
     tables = ("metrics", "params", "tags", "runs", "experiments", "latest_metrics")
     before = {table: sql(database, f"SELECT * FROM {table}") for table in tables}
-    second = sync_run(run, uri, "another experiment")
+    second = RunUpload(run, uri, "another experiment").push()
     assert {table: sql(database, f"SELECT * FROM {table}") for table in tables} == before
     assert second.mlflow_run_id == first.mlflow_run_id
     assert (second.created, second.iterations, second.points, second.files) == (False, 0, 0, 0)
@@ -120,25 +120,25 @@ def test_idle_push_asks_nothing_of_the_store(
 )
 def test_status(run: RunDirectory, uri: str, status: str, expected: str) -> None:
     run.set_status(status)
-    report = sync_run(run, uri, FAR)
+    report = RunUpload(run, uri, FAR).push()
     assert report.status == expected
     assert open_client(uri).get_run(report.mlflow_run_id).info.status == expected
 
 
 def test_killed_run_that_is_resumed_runs_again(run: RunDirectory, uri: str) -> None:
-    assert sync_run(run, uri, FAR).status == "KILLED"
+    assert RunUpload(run, uri, FAR).push().status == "KILLED"
     with run.lock():
         run.set_status("running")
-        report = sync_run(run, uri, FAR)
+        report = RunUpload(run, uri, FAR).push()
         assert (report.status, report.created) == ("RUNNING", False)
         assert open_client(uri).get_run(report.mlflow_run_id).info.status == "RUNNING"
 
 
 def test_changed_parameter_is_noted_and_kept(run: RunDirectory, uri: str) -> None:
-    first = sync_run(run, uri, FAR)
+    first = RunUpload(run, uri, FAR).push()
     text = (run.path / "config.yaml").read_text()
     (run.path / "config.yaml").write_text(text.replace("0.99", "0.9"))
-    second = sync_run(run, uri, FAR)
+    second = RunUpload(run, uri, FAR).push()
     assert second.notes == ("parameter ppo.gamma keeps its first value '0.99'",)
     assert open_client(uri).get_run(first.mlflow_run_id).data.params["ppo.gamma"] == "0.99"
 
@@ -149,25 +149,25 @@ def test_files_are_copied_once_and_again_when_they_change(
     video = run.path / "eval" / "videos" / "best.mp4"
     video.parent.mkdir(parents=True)
     video.write_bytes(b"1")
-    first = sync_run(run, uri, FAR)
+    first = RunUpload(run, uri, FAR).push()
     assert first.files == 3
     video.write_bytes(b"22")
-    assert sync_run(run, uri, FAR).files == 1
+    assert RunUpload(run, uri, FAR).push().files == 1
     copy = f"mlartifacts/{first.mlflow_run_id}/artifacts/eval/videos/best.mp4"
     assert (database.parent / copy).read_bytes() == b"22"
     run.set_status("finished")
-    assert sync_run(run, uri, FAR).files == 2  # configuration and manifest go together
-    assert sync_run(run, uri, FAR).files == 0
+    assert RunUpload(run, uri, FAR).push().files == 2  # configuration and manifest go together
+    assert RunUpload(run, uri, FAR).push().files == 0
 
 
 def test_store_in_a_folder_with_odd_characters(tmp_path: Path) -> None:
     folder = tmp_path / "my runs 100% ü#1"
     run = small_run(folder / "a", lines=2)
     uri = f"sqlite:///{folder}/mlflow.db"
-    report = sync_run(run, uri, "name with / and 100%")
+    report = RunUpload(run, uri, "name with / and 100%").push()
     assert steps(folder / "mlflow.db") == [0, 1]
     assert (folder / "mlartifacts" / report.mlflow_run_id / "artifacts" / "config.yaml").is_file()
-    assert sync_run(run, uri, "x").files == 0
+    assert RunUpload(run, uri, "x").push().files == 0
 
 
 # --- once, whatever happens ------------------------------------------------------------------
@@ -189,9 +189,9 @@ def test_killed_between_two_calls_logs_no_step_twice(
     with monkeypatch.context() as patch:
         patch.setattr(MlflowClient, "log_batch", die_in_the_third)
         with pytest.raises(KeyboardInterrupt):
-            sync_run(run, uri, FAR)
+            RunUpload(run, uri, FAR).push()
     assert steps(database) == list(range(12))
-    report = sync_run(run, uri, FAR)
+    report = RunUpload(run, uri, FAR).push()
     assert (report.iterations, report.created) == (8, False)
     assert steps(database) == list(range(20))
 
@@ -222,7 +222,7 @@ def test_line_logged_twice_all_the_same_is_one_point(
     run: RunDirectory, uri: str, database: Path
 ) -> None:
     log_lines(run, range(3))
-    report = sync_run(run, uri, FAR)
+    report = RunUpload(run, uri, FAR).push()
     rows, _ = tracking.read_metrics(run.metrics_path)
     for batch in tracking._batches(rows):
         open_client(uri).log_batch(report.mlflow_run_id, metrics=batch)
@@ -241,7 +241,7 @@ def test_resume_behind_what_was_mirrored_keeps_one_point_a_step(
     assert upload.push().iterations == 0  # steps 5 to 7 are there from before
     log_lines(run, range(8, 13))
     assert upload.push().iterations == 3
-    assert sync_run(run, uri, FAR).iterations == 0
+    assert RunUpload(run, uri, FAR).push().iterations == 0
     for name in ("train/loss", "weight/torque_0_", "iteration"):
         assert steps(database, name) == list(range(13))
 
@@ -253,14 +253,14 @@ def test_a_run_that_is_trained_further_goes_on_in_the_same_place(
     run = RunDirectory.create(tmp_path / "extended", config, {"method": "gwo"}, "0000aaaa")
     log_lines(run, range(1, 5))
     run.set_status("finished")
-    first = sync_run(run, uri, FAR)
+    first = RunUpload(run, uri, FAR).push()
     extend(run, 6, done=4, identity="1111bbbb")
-    again = sync_run(run, uri, FAR)
+    again = RunUpload(run, uri, FAR).push()
     assert (again.created, again.mlflow_run_id) == (False, first.mlflow_run_id)
     client = open_client(uri)
     log_lines(run, range(5, 7))
     run.set_status("finished")
-    last = sync_run(run, uri, FAR)
+    last = RunUpload(run, uri, FAR).push()
     there = client.get_run(first.mlflow_run_id)
     assert (there.info.status, there.data.params["scale.iterations"]) == ("FINISHED", "4")
     assert there.data.tags["extended_to"] == "6"
@@ -287,13 +287,13 @@ def test_making_of_a_store_that_was_killed_is_begun_anew(run: RunDirectory) -> N
     half = database.with_name(".mlflow.db.new")
     with closing(sqlite3.connect(half)) as connection:
         connection.execute("CREATE TABLE experiments (experiment_id INTEGER)")
-    assert sync_run(run, f"sqlite:///{database}", FAR).created
+    assert RunUpload(run, f"sqlite:///{database}", FAR).push().created
     assert not half.exists()
 
 
 def test_artifacts_of_the_manifest_are_readable_json(
     run: RunDirectory, uri: str, database: Path
 ) -> None:
-    report = sync_run(run, uri, FAR)
+    report = RunUpload(run, uri, FAR).push()
     path = database.parent / f"mlartifacts/{report.mlflow_run_id}/artifacts/manifest.json"
     assert json.loads(path.read_text()) == run.manifest

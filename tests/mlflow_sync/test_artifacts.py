@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from stores import artifacts, latest, sql, tag
 
-from tlr_exp.mlflow_sync.run import sync_run
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -34,12 +34,12 @@ def test_best_and_final_checkpoint_come_with_the_end(
     finished: Callable[..., RunDirectory], uri: str, database: Path
 ) -> None:
     run = finished("interrupted")
-    report = sync_run(run, uri, "tlr")
+    report = RunUpload(run, uri, "tlr").push()
     there = database.parent / "mlartifacts"
     assert artifacts(there, report.mlflow_run_id) == {"config.yaml", "manifest.json"}
     assert "final/episode_length" not in latest(database, "gwo-s3")
     run.set_status("finished")
-    sync_run(run, uri, "tlr")
+    RunUpload(run, uri, "tlr").push()
     assert artifacts(there, report.mlflow_run_id) == {
         "config.yaml", "manifest.json", "motion.npz",
         "checkpoints/000004.pt", "checkpoints/000005.pt",
@@ -49,7 +49,7 @@ def test_best_and_final_checkpoint_come_with_the_end(
     assert latest(database, "gwo-s3")["final/episode_length"] == 5.0
     (point,) = sql(database, "SELECT step FROM metrics WHERE key = 'final/episode_length'")
     assert point == (5,)
-    again = sync_run(run, uri, "tlr")
+    again = RunUpload(run, uri, "tlr").push()
     assert (again.points, again.files, again.notes) == (0, 0, ())
 
 
@@ -60,7 +60,7 @@ def test_files_beyond_the_limit_stay_and_are_named(
     (run.path / "eval").mkdir()
     (run.path / "eval" / "film.mp4").write_bytes(bytes(2_000_000))
     (run.path / "eval" / "numbers.json").write_text("{}")
-    report = sync_run(run, uri, "tlr", max_file_mb=1.5)
+    report = RunUpload(run, uri, "tlr", max_file_mb=1.5).push()
     assert report.notes == (
         "eval/film.mp4 stays in the run directory: 2.0 MB, the limit is 1.5 MB",
     )
@@ -70,6 +70,6 @@ def test_files_beyond_the_limit_stay_and_are_named(
         "checkpoints/000004.pt", "checkpoints/000005.pt",
     }  # fmt: skip
     assert artifacts(there, report.mlflow_run_id) == expected
-    assert len(sync_run(run, uri, "tlr", max_file_mb=0).notes) == 5
-    sync_run(run, uri, "tlr")
+    assert len(RunUpload(run, uri, "tlr", max_file_mb=0).push().notes) == 5
+    RunUpload(run, uri, "tlr").push()
     assert artifacts(there, report.mlflow_run_id) == {*expected, "eval/film.mp4"}

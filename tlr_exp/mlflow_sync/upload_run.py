@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tlr_exp.keys import ITERATION
-from tlr_exp.mlflow_sync.mirror import MAX_FILE_MB
+from tlr_exp.mlflow_sync.artifacts import Artifact, files_below
 from tlr_exp.mlflow_sync.names import (
     BEST_CHECKPOINT_TAG,
     FINAL_CHECKPOINT_TAG,
@@ -29,121 +29,91 @@ from tlr_exp.mlflow_sync.names import (
     plain_name,
     run_tags,
 )
-from tlr_exp.mlflow_sync.push import (
+from tlr_exp.mlflow_sync.sources import MAX_FILE_MB
+from tlr_exp.mlflow_sync.store import Metric, Run
+from tlr_exp.mlflow_sync.sweep_links import Parent, link_tags
+from tlr_exp.mlflow_sync.upload import (
     MAX_METRICS,
-    Artifact,
-    ArtifactUpload,
-    file_state,
-    files_below,
-    find_by_tag,
+    Report,
+    Upload,
     log_changed_metrics,
     log_parameters,
     milliseconds,
-    one_at_a_time,
     set_status,
     set_tags,
 )
-from tlr_exp.mlflow_sync.store import (
-    Metric,
-    MlflowClient,
-    Run,
-    experiment_id,
-    open_client,
-    tracking_errors,
-)
-from tlr_exp.mlflow_sync.sweep_links import Parent, link_tags
 from tlr_exp.records.checkpoint_files import (
     CHECKPOINTS,
     best_iteration,
     checkpoint_iterations,
     checkpoint_path,
 )
+from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.final_metrics import final_metrics
 from tlr_exp.records.metrics_file import WALL_TIME, last_of_each_iteration, read_metrics
-from tlr_exp.records.run_directory import (
-    CONFIG,
-    EVALUATIONS,
-    FINISHED,
-    INTERRUPTED,
-    MANIFEST,
-    RUNNING,
-    RunDirectory,
-)
+from tlr_exp.records.run_directory import CONFIG, EVALUATIONS, RunDirectory
+from tlr_exp.records.storage import file_state, while_unchanged
 
 
-@dataclass(frozen=True)
-class SyncReport:
-    """What one call brought over: counts of new things, and the run's state in MLflow."""
+@dataclass(frozen=True, kw_only=True)
+class RunReport(Report):
+    """What one push brought over of a run: numbers of iterations, points and files."""
 
-    name: str
-    mlflow_run_id: str
-    created: bool
     iterations: int
     points: int
-    files: int
-    status: str
     notes: tuple[str, ...] = ()
 
+    def lines(self, where: str) -> list[str]:
+        new = "new run, " if self.created else ""
+        what = f"{self.iterations} iterations ({self.points} points), {self.files} files"
+        notes = [f"  note: {note}" for note in self.notes]
+        return [f"{self.name}: {new}{what}, {self.status} -> {where}", *notes]
 
-def sync_run(
-    run: RunDirectory | str | Path,
-    tracking_uri: str,
-    experiment: str,
-    max_file_mb: float = MAX_FILE_MB,
-) -> SyncReport:
-    """Bring what `tracking_uri` lacks of a run into it; a second call adds nothing.
 
-    A run that the store has already, in whatever experiment, stays there; a new one goes to
-    `experiment`, which is made if need be. Checkpoints and evaluations larger than `max_file_mb`
-    stay where they are, and are named in the notes.
+class RunUpload(Upload[RunReport]):
+    """One run directory on its way into one store; `push` again as the run grows.
 
-    Raises:
-        TrackingUnavailable: the store cannot be reached or written now.
-        TrackingError: MLflow refuses something for good.
-        ValueError: not a run directory, or a damaged one.
+    Checkpoints and evaluations larger than `max_file_mb` stay where they are, and are named in the
+    notes of the report. `parent` is the sweep that the run belongs to.
     """
-    run = run if isinstance(run, RunDirectory) else RunDirectory.open(run)
-    return RunUpload(run, tracking_uri, experiment, max_file_mb=max_file_mb).push()
 
-
-class RunUpload:
-    """One run directory on its way into one store; `push` again as the run grows."""
+    id_tag = RUN_ID_TAG
 
     def __init__(
         self,
         run: RunDirectory,
         tracking_uri: str,
         experiment: str,
-        parent: Parent | None = None,
         max_file_mb: float = MAX_FILE_MB,
+        parent: Parent | None = None,
     ) -> None:
-        self._run, self._uri, self._experiment = run, tracking_uri, experiment
-        self._parent, self._max_file_mb = parent, max_file_mb
-        self._client: MlflowClient | None = None
+        super().__init__(run, tracking_uri, experiment, max_file_mb)
+        self._run, self._parent = run, parent
         self._read_until = (0, 0)  # inode of metrics.jsonl and the offset brought over
-        self._artifacts = ArtifactUpload()
-        self._parameters: tuple[object, dict[str, str]] | None = None
-        self._pushed: tuple[object, SyncReport] | None = None
+        # YAML is slow to parse.
+        self._parameters = while_unchanged(lambda _: flat_parameters(run.config))
+        self._pushed: tuple[object, RunReport] | None = None
 
-    def push(self) -> SyncReport:
-        """Bring over what is new; nothing is asked of the store while the run has not changed.
+    def mend_others(self) -> None:
+        """Nothing: a run that was killed with its mirror comes over with its sweep."""
 
-        Raises as `sync_run`.
-        """
-        with tracking_errors(self._uri), one_at_a_time(self._run.path):
-            state = self._state()
-            if self._pushed is not None and self._pushed[0] == state:
-                return replace(self._pushed[1], created=False, iterations=0, points=0, files=0)
-            self._client = self._client or open_client(self._uri)
-            report = self._push(self._client)
-            self._pushed = (state, report)
+    def _push(self) -> RunReport:
+        """Nothing is asked of the store while the run has not changed."""
+        state = self._state()
+        if self._pushed is not None and self._pushed[0] == state:
+            return replace(self._pushed[1], created=False, iterations=0, points=0, files=0)
+        report = self._push_changes()
+        self._pushed = (state, report)
         return report
+
+    def _new_name(self) -> str:
+        return self._run.manifest["name"]
 
     def _state(self) -> object:
         """Differs whenever there may be something to bring over."""
         metrics = self._run.metrics_path
         # Checkpoints come with a new manifest, which says that the run has finished.
-        files = [self._run.path / CONFIG, self._run.path / MANIFEST]
+        files = [self._run.path / CONFIG, self._run.manifest_path]
         return (
             [file_state(path) for path in files],
             [file.state for file in files_below(self._run.path, EVALUATIONS)],
@@ -151,12 +121,10 @@ class RunUpload:
             self._run.is_live(),
         )
 
-    def _push(self, client: MlflowClient) -> SyncReport:
-        manifest = self._run.manifest
-        dead = manifest["status"] == RUNNING and not self._run.is_live()
-        status = INTERRUPTED if dead else manifest["status"]
-        run, created = self._find_or_create(client, manifest)
-        notes = log_parameters(client, run, self._flat_config())
+    def _push_changes(self) -> RunReport:
+        manifest, status, client = self._run.manifest, self._run.status, self._client
+        run, created = self._find_or_create()
+        notes = log_parameters(client, run, self._parameters(self._run.path / CONFIG))
         tags = run_tags(manifest, status)
         if status == FINISHED:
             kept = self._kept_checkpoints().items()
@@ -164,41 +132,24 @@ class RunUpload:
         if self._parent is not None:
             tags |= link_tags(client, run, self._parent)
         set_tags(client, run, tags)
-        iterations, points = self._log_metrics(client, run)
+        iterations, points = self._log_metrics(run)
         if status == FINISHED:
-            points += self._log_final(client, run)
+            points += self._log_final(run)
         files, too_large = self._files(status)
         number = self._artifacts.push(client, run, self._records(), files)
         set_status(client, run, mlflow_status(status), self._ended_ms(manifest))
-        return SyncReport(
-            manifest["name"],
-            run.info.run_id,
-            created,
-            iterations,
-            points,
-            number,
-            mlflow_status(status),
-            (*notes, *too_large),
+        return RunReport(
+            name=manifest["name"],
+            mlflow_run_id=run.info.run_id,
+            created=created,
+            iterations=iterations,
+            points=points,
+            files=number,
+            status=mlflow_status(status),
+            notes=(*notes, *too_large),
         )
 
-    def _flat_config(self) -> dict[str, str]:
-        state = file_state(self._run.path / CONFIG)
-        if self._parameters is None or self._parameters[0] != state:  # YAML is slow to parse
-            self._parameters = (state, flat_parameters(self._run.config))
-        return self._parameters[1]
-
-    def _find_or_create(self, client: MlflowClient, manifest: dict[str, Any]) -> tuple[Run, bool]:
-        if found := find_by_tag(client, RUN_ID_TAG, manifest["run_id"]):
-            return found, False
-        run = client.create_run(
-            experiment_id(client, self._experiment, self._uri),
-            start_time=milliseconds(manifest["created_at"]),
-            tags={RUN_ID_TAG: manifest["run_id"]},
-            run_name=manifest["name"],
-        )
-        return run, True
-
-    def _log_metrics(self, client: MlflowClient, run: Run) -> tuple[int, int]:
+    def _log_metrics(self, run: Run) -> tuple[int, int]:
         """Log the lines past the last one in the store; the numbers of lines and of points."""
         inode, offset = self._read_until
         now = _inode(self._run.metrics_path)
@@ -207,20 +158,20 @@ class RunUpload:
         rows = [row for row in last_of_each_iteration(rows) if row[ITERATION] > last]
         points = 0
         for batch in _batches(rows):
-            client.log_batch(run.info.run_id, metrics=batch)
+            self._client.log_batch(run.info.run_id, metrics=batch)
             points += len(batch)
         self._read_until = (now, offset)
         return len(rows), points
 
-    def _log_final(self, client: MlflowClient, run: Run) -> int:
+    def _log_final(self, run: Run) -> int:
         rows = self._run.metrics()
         if not rows:
             return 0
         step, time_ms = rows[-1][ITERATION], int(rows[-1][WALL_TIME] * 1000)
-        return log_changed_metrics(client, run, final_metrics(rows), step, time_ms)
+        return log_changed_metrics(self._client, run, final_metrics(rows), step, time_ms)
 
     def _records(self) -> list[Artifact]:
-        return [Artifact(self._run.path / CONFIG), Artifact(self._run.path / MANIFEST)]
+        return [Artifact(self._run.path / CONFIG), Artifact(self._run.manifest_path)]
 
     def _files(self, status: str) -> tuple[list[Artifact], list[str]]:
         """Evaluations; of a finished run what evaluates it; and what is said of those too large."""

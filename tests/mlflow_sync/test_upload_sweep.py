@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from stores import artifacts, children, latest, sql, statuses, steps, tag
 
-from tlr_exp.mlflow_sync import push as mlflow_push
-from tlr_exp.mlflow_sync import sweep as sweep_tracking
-from tlr_exp.mlflow_sync.run import sync_run
+from tlr_exp.mlflow_sync import upload as mlflow_upload
+from tlr_exp.mlflow_sync import upload_sweep as sweep_tracking
 from tlr_exp.mlflow_sync.store import MlflowClient, TrackingUnavailable, open_client
-from tlr_exp.mlflow_sync.sweep import SweepUpload, sync_sweep
+from tlr_exp.mlflow_sync.upload_run import RunUpload
+from tlr_exp.mlflow_sync.upload_sweep import SweepUpload
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
@@ -52,7 +52,7 @@ def test_parent_and_children_with_their_numbers(study: Path, uri: str, database:
     (sweep.path / "figures" / "png").mkdir(parents=True)
     (sweep.path / "figures" / "png" / "6.png").write_bytes(b"png")
     sweep.set_status("finished")
-    report = sync_sweep(sweep, uri, "tlr")
+    report = SweepUpload(sweep, uri, "tlr").push()
     assert (report.name, report.created, report.status, report.problems) == (
         PARENT, True, "FINISHED", (),
     )  # fmt: skip
@@ -79,10 +79,10 @@ def test_second_sync_adds_nothing(study: Path, uri: str, database: Path) -> None
     write_job(sweep, 0, add_run(study, "run0"))
     write_job(sweep, 1, add_run(study, "run1", status="failed"), status="failed")
     sweep.set_status("failed")
-    sync_sweep(sweep, uri, "tlr")
+    SweepUpload(sweep, uri, "tlr").push()
     tables = ("metrics", "params", "tags", "runs", "experiments", "latest_metrics")
     before = {table: sql(database, f"SELECT * FROM {table}") for table in tables}
-    again = sync_sweep(sweep, uri, "another")
+    again = SweepUpload(sweep, uri, "another").push()
     assert {table: sql(database, f"SELECT * FROM {table}") for table in tables} == before
     assert (again.created, again.files) == (False, 0)
     assert [(run.created, run.points, run.files) for run in again.runs] == [(False, 0, 0)] * 2
@@ -91,7 +91,7 @@ def test_second_sync_adds_nothing(study: Path, uri: str, database: Path) -> None
 def test_children_appear_over_time(study: Path, uri: str, database: Path) -> None:
     sweep = begin(study, jobs=3)
     existing = add_run(study, "run0")
-    sync_run(existing, uri, "tlr")  # mirrored before there was a sweep
+    RunUpload(existing, uri, "tlr").push()  # mirrored before there was a sweep
     upload = SweepUpload(sweep, uri, "tlr")
     with sweep.lock():
         sweep.write_job(0, "waiting", overrides=["seed=0"])
@@ -148,15 +148,15 @@ def test_continued_sweep_runs_again_and_ends(
 ) -> None:
     sweep = begin(study)
     sweep.set_status("interrupted")
-    assert sync_sweep(sweep, uri, "tlr").status == "KILLED"
+    assert SweepUpload(sweep, uri, "tlr").push().status == "KILLED"
     (ended,) = sql(database, "SELECT end_time FROM runs")[0]
     assert ended >= sql(database, "SELECT start_time FROM runs")[0][0]
     with sweep.lock():
         sweep.begin("tlr-train -m seed=0,1", 2, "Two seeds.", {"scale": "demo"})
-        report = sync_sweep(sweep, uri, "tlr")
+        report = SweepUpload(sweep, uri, "tlr").push()
         assert (report.status, report.created) == ("RUNNING", False)
         sweep.set_status(status)
-    assert sync_sweep(sweep, uri, "tlr").status == expected
+    assert SweepUpload(sweep, uri, "tlr").push().status == expected
     assert statuses(database) == {PARENT: expected}
 
 
@@ -166,9 +166,9 @@ def test_killed_sweep_is_mended_with_its_children(study: Path, uri: str, databas
     run = add_run(study, "run0", status="running")
     write_job(sweep, 0, run, status="running")
     with sweep.lock(), run.lock():
-        sync_sweep(sweep, uri, "tlr")
+        SweepUpload(sweep, uri, "tlr").push()
         assert set(statuses(database).values()) == {"RUNNING"}
-    sync_sweep(sweep, uri, "tlr")
+    SweepUpload(sweep, uri, "tlr").push()
     assert statuses(database) == {PARENT: "KILLED", "run0": "KILLED"}
     assert "1 interrupted, 1 not begun" in (tag(database, PARENT, "mlflow.note.content") or "")
 
@@ -183,7 +183,7 @@ def test_runs_that_two_sweeps_share_stay_with_the_first(
     write_job(second, 1, add_run(study, "run1"))
     for _ in range(2):
         for sweep in (second, first):
-            sync_sweep(sweep, uri, "tlr")
+            SweepUpload(sweep, uri, "tlr").push()
     assert children(database, "more-demo-ffffffff") == {"run0", "run1"}
     assert children(database, PARENT) == set()
     assert tag(database, "run0", "sweep") == f"more-ffffffff, two-{ID}"
@@ -193,17 +193,17 @@ def test_runs_that_two_sweeps_share_stay_with_the_first(
     assert [run.info.run_name for run in client.search_runs(experiments, query)] == ["run0"]
     (parent,) = sql(database, "SELECT run_uuid FROM runs WHERE name = 'more-demo-ffffffff'")
     client.delete_run(parent[0])
-    sync_sweep(first, uri, "tlr")
+    SweepUpload(first, uri, "tlr").push()
     assert children(database, PARENT) == {"run0"}
 
 
 def test_run_whose_directory_is_elsewhere_is_linked(study: Path, uri: str, database: Path) -> None:
     sweep = begin(study)
     far = add_run(study, "run0")
-    sync_run(far, uri, "tlr")
+    RunUpload(far, uri, "tlr").push()
     write_job(sweep, 0, far)
     shutil.rmtree(far.path)
-    report = sync_sweep(sweep, uri, "tlr")
+    report = SweepUpload(sweep, uri, "tlr").push()
     assert report.runs == report.problems == ()
     assert children(database, PARENT) == {"run0"}
     assert "(#/experiments/" in (tag(database, PARENT, "mlflow.note.content") or "")
@@ -217,7 +217,7 @@ def test_damaged_run_keeps_nothing_back(study: Path, uri: str, database: Path) -
     lines = bad.metrics_path.read_bytes().splitlines(keepends=True)
     bad.metrics_path.write_bytes(lines[0] + b"broken\n" + lines[2])
     sweep.set_status("finished")
-    report = sync_sweep(sweep, uri, "tlr")
+    report = SweepUpload(sweep, uri, "tlr").push()
     assert report.status == "FINISHED"
     assert len(report.problems) == 1
     assert report.problems[0].startswith("bad: ")
@@ -235,7 +235,7 @@ def test_store_that_is_away_is_not_the_fault_of_a_run(
 
     monkeypatch.setattr(sweep_tracking.RunUpload, "push", away)
     with pytest.raises(TrackingUnavailable):
-        sync_sweep(sweep, uri, "tlr")
+        SweepUpload(sweep, uri, "tlr").push()
 
 
 def test_report_that_is_made_later_and_again(study: Path, uri: str, database: Path) -> None:
@@ -251,15 +251,18 @@ def test_report_that_is_made_later_and_again(study: Path, uri: str, database: Pa
         upload.push()
         assert (root / "report" / "index.html").read_text() == text
     page.write_text("new")
-    assert sync_sweep(sweep, uri, "tlr").files == 2  # records go together
+    assert SweepUpload(sweep, uri, "tlr").push().files == 2  # records go together
     assert (root / "report" / "index.html").read_text() == "new"
-    assert sync_sweep(sweep, uri, "tlr").files == 0
+    assert SweepUpload(sweep, uri, "tlr").push().files == 0
 
 
 def test_two_processes_do_not_push_at_once(
     study: Path, uri: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sweep = begin(study)
-    monkeypatch.setattr(mlflow_push, "LOCK_WAIT_S", 0.1)
-    with mlflow_push.one_at_a_time(sweep.path), pytest.raises(TrackingUnavailable, match="another"):
-        sync_sweep(sweep, uri, "tlr")
+    monkeypatch.setattr(mlflow_upload, "LOCK_WAIT_S", 0.1)
+    with (
+        mlflow_upload.one_at_a_time(sweep.path),
+        pytest.raises(TrackingUnavailable, match="another"),
+    ):
+        SweepUpload(sweep, uri, "tlr").push()

@@ -10,10 +10,10 @@ from typing import Any
 from stores import small_run, sql
 
 from tlr_exp.keys import EPISODE_LENGTH, TRAIN_LOWER_BODY_ERROR, TRAIN_UPPER_BODY_ERROR
-from tlr_exp.mlflow_sync.run import sync_run
+from tlr_exp.mlflow_sync.experiment_page import CURVES_QUERY, NUMBERS_QUERY, experiment_tags
 from tlr_exp.mlflow_sync.store import experiment_id, open_client
 from tlr_exp.mlflow_sync.sweep_page import progress
-from tlr_exp.mlflow_sync.view import CURVES_QUERY, NUMBERS_QUERY, experiment_tags
+from tlr_exp.mlflow_sync.upload_run import RunUpload
 from tlr_exp.records.final_metrics import final_metrics
 
 
@@ -43,7 +43,7 @@ def test_curves_are_those_of_runs_by_method(database: Path, tmp_path: Path) -> N
     assert view["name"] == "Curves by method"
     assert state["groupBy"]["groupByKeys"] == [{"groupByData": "method", "mode": "tag"}]
     uri = f"sqlite:///{database}"
-    run = sync_run(small_run(tmp_path / "a", method="gwo"), uri, "study")
+    run = RunUpload(small_run(tmp_path / "a", method="gwo"), uri, "study").push()
     client = open_client(uri)
     client.create_run(client.get_run(run.mlflow_run_id).info.experiment_id)  # of a sweep, say
     order = f"{state['orderByKey']} {'ASC' if state['orderByAsc'] else 'DESC'}"
