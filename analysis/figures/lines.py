@@ -10,6 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from analysis.figures.series import Series
 from analysis.figures.style import ArmLook, legend_above
+from tlr_exp.errors import UserError
 
 ITERATION_LABEL = "PPO iteration"
 BAND_ALPHA = 0.18
@@ -153,7 +154,7 @@ def moving_average(values: np.ndarray, window: int) -> np.ndarray:
         ValueError: the window is not an odd number of iterations, at least 1.
     """
     if window < 1 or window % 2 == 0:
-        raise ValueError(f"window is {window}; it must be odd and at least 1")
+        raise UserError(f"window is {window}; it must be odd and at least 1")
     half, length = window // 2, values.shape[-1]
     zero = np.zeros((*values.shape[:-1], 1))
     sums = np.concatenate([zero, np.cumsum(values, axis=-1)], axis=-1)

@@ -12,6 +12,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tlr_exp.errors import UserError
+
 Array = NDArray[np.float64]
 
 TAIL_SHARE = 0.2
@@ -39,7 +41,7 @@ def tail_mean(curves: ArrayLike, iterations: ArrayLike, *, share: float = TAIL_S
     """
     values, times = _checked(curves, iterations)
     if not 0 < share <= 1:
-        raise ValueError(f"the share of training must lie in (0, 1], got {share}")
+        raise UserError(f"the share of training must lie in (0, 1], got {share}")
     # The tolerance keeps (1 - 0.2) * 15 from including iteration 12 by rounding.
     start = (1 - share) * times[-1]
     return values[:, times > start + 1e-9 * times[-1]].mean(axis=1)
@@ -90,9 +92,9 @@ def iterations_to_reach(
     """
     values, times = _checked(curves, iterations)
     if not 1 <= window <= times.size:
-        raise ValueError(f"the window must be between 1 and the {times.size} points, got {window}")
+        raise UserError(f"the window must be between 1 and the {times.size} points, got {window}")
     if not np.isfinite(level):
-        raise ValueError(f"the level must be a finite number, got {level}")
+        raise UserError(f"the level must be a finite number, got {level}")
     windows = np.lib.stride_tricks.sliding_window_view(values, window, axis=1)
     smoothed = windows.mean(axis=-1)
     reached = smoothed <= level if smaller_is_better else smoothed >= level
@@ -146,14 +148,12 @@ def _checked(curves: ArrayLike, iterations: ArrayLike) -> tuple[Array, Array]:
     values = np.asarray(curves, dtype=np.float64)
     times = np.asarray(iterations, dtype=np.float64)
     if values.ndim != 2 or values.size == 0 or times.shape != values.shape[1:]:
-        raise ValueError(
+        raise UserError(
             "curves must be [num_seeds, num_points] and iterations [num_points], got shapes "
             f"{values.shape} and {times.shape}"
         )
     if not np.isfinite(values).all():
-        raise ValueError(
-            "curves must be finite: choose iterations at which every seed was measured"
-        )
+        raise UserError("curves must be finite: choose iterations at which every seed was measured")
     if times[0] <= 0 or (np.diff(times) <= 0).any():
-        raise ValueError("iterations must be positive and increasing")
+        raise UserError("iterations must be positive and increasing")
     return values, times

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 from scipy import signal
 
 from analysis.statistics.results import Array, is_constant
+from tlr_exp.errors import UserError
 
 
 def autocorrelation(series: ArrayLike) -> Array:
@@ -19,11 +20,11 @@ def autocorrelation(series: ArrayLike) -> Array:
     """
     values = np.asarray(series, dtype=np.float64)
     if values.ndim != 1 or values.size < 2:
-        raise ValueError(f"a series needs at least two iterations, got shape {values.shape}")
+        raise UserError(f"a series needs at least two iterations, got shape {values.shape}")
     if not np.isfinite(values).all():
-        raise ValueError("a series must be finite")
+        raise UserError("a series must be finite")
     if is_constant(values):
-        raise ValueError("a constant series has no autocorrelation")
+        raise UserError("a constant series has no autocorrelation")
     centred = values - values.mean()
     covariance = signal.correlate(centred, centred, method="fft")[values.size - 1 :]
     return covariance / covariance[0]

@@ -23,6 +23,7 @@ from analysis.statistics.results import (
     Array,
     checked_curves,
 )
+from tlr_exp.errors import UserError
 
 # A standard error below this share of that of all seeds together is raised to it, so that a
 # labeling under which an iteration happens to have no spread within the arms does not divide by
@@ -209,16 +210,16 @@ def _checked(
 ) -> tuple[Array, Array]:
     first, second = checked_curves(baseline, "baseline"), checked_curves(treatment, "treatment")
     if first.shape[1] != second.shape[1]:
-        raise ValueError(
+        raise UserError(
             f"curves must be of the same iterations, got {first.shape[1]} of baseline and "
             f"{second.shape[1]} of treatment"
         )
     if min(len(first), len(second)) < 2:
-        raise ValueError(
+        raise UserError(
             f"curves are compared from two seeds per arm on, got {len(first)} and {len(second)}"
         )
     if paired and len(first) != len(second):
-        raise ValueError(f"paired arms share their seeds, got {len(first)} and {len(second)}")
+        raise UserError(f"paired arms share their seeds, got {len(first)} and {len(second)}")
     if not 0 < alpha < 1:
-        raise ValueError(f"alpha must lie between 0 and 1, got {alpha}")
+        raise UserError(f"alpha must lie between 0 and 1, got {alpha}")
     return first, second

@@ -13,6 +13,7 @@ from analysis.statistics.results import (
     spread_problem,
     undefined_interval,
 )
+from tlr_exp.errors import UserError
 
 # Where a t statistic exceeds this many roots of its degrees of freedom, another integral is used.
 LARGE_STATISTIC = 30.0
@@ -27,7 +28,7 @@ def small_sample_correction(degrees_of_freedom: float) -> float:
         ValueError: one degree of freedom or less, for which d has no mean.
     """
     if degrees_of_freedom <= 1:
-        raise ValueError(f"d has a mean from two degrees of freedom on, got {degrees_of_freedom}")
+        raise UserError(f"d has a mean from two degrees of freedom on, got {degrees_of_freedom}")
     half = degrees_of_freedom / 2
     log_ratio = special.gammaln(half) - special.gammaln(half - 0.5)
     return float(np.exp(log_ratio) / np.sqrt(half))

@@ -16,6 +16,7 @@ from scipy import signal, stats
 
 from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.statistics.results import EXACT_LABELINGS, Array, checked_curves, is_constant
+from tlr_exp.errors import UserError
 
 EXTREME_P = 1e-8  # what the paper reports is smaller
 # Numbers in the curves simulated at a time: 64 MB.
@@ -62,7 +63,7 @@ def false_positive_rates(
             negative standard deviation, no studies.
     """
     if min(num_seeds, num_iterations) < 2 or num_studies < 1:
-        raise ValueError(
+        raise UserError(
             f"two seeds, two iterations and one study at least, got {num_seeds}, {num_iterations} "
             f"and {num_studies}"
         )
@@ -100,12 +101,12 @@ def false_positive_rates_of_curves(
     total, num_iterations = values.shape
     first = total // 2 if num_baseline is None else num_baseline
     if min(first, total - first) < 2 or num_iterations < 2:
-        raise ValueError(
+        raise UserError(
             f"two mock arms of at least two seeds and two iterations, got {total} seeds, {first} "
             f"of them in the first arm, and {num_iterations} iterations"
         )
     if is_constant(values):
-        raise ValueError("curves that are all the same constant have nothing to test")
+        raise UserError("curves that are all the same constant have nothing to test")
     orders = _splits(total, first, generator)
     step = max(1, BLOCK // values.size)
     p_values = [
@@ -128,7 +129,7 @@ def ar1_curves(
         ValueError: an autocorrelation outside (-1, 1), or a negative standard deviation.
     """
     if not -1 < autocorrelation < 1 or between_seed_sd < 0:
-        raise ValueError(
+        raise UserError(
             "an autocorrelation within (-1, 1) and a standard deviation of at least 0, got "
             f"{autocorrelation} and {between_seed_sd}"
         )

@@ -29,6 +29,7 @@ from analysis.statistics.results import (
     is_constant,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def relative_improvement(
     """
     first, second = _checked_means(baseline, treatment)
     if (first <= 0).any():
-        raise ValueError(
+        raise UserError(
             "a relative improvement needs a positive baseline, but its smallest value is "
             f"{first.min()}"
         )
@@ -164,7 +165,7 @@ def _checked_means(baseline: ArrayLike, treatment: ArrayLike) -> tuple[Array, Ar
     first = np.asarray(baseline, dtype=np.float64)
     second = np.asarray(treatment, dtype=np.float64)
     if first.ndim != 1 or first.shape != second.shape or first.size == 0:
-        raise ValueError(
+        raise UserError(
             "averaged curves must be [num_iterations] over the same iterations, got shapes "
             f"{first.shape} and {second.shape}"
         )

@@ -20,6 +20,7 @@ from analysis.statistics.results import (
     single_seed_problem,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 MARGIN = 0.1  # of the range of all points, from the worst of each axis to the reference
 
@@ -62,7 +63,7 @@ def hypervolume(points: ArrayLike, reference: ArrayLike) -> float:
     """
     values, corner = _checked(points), np.asarray(reference, dtype=np.float64)
     if corner.shape != (2,):
-        raise ValueError(f"the reference must be one point, [2], got shape {corner.shape}")
+        raise UserError(f"the reference must be one point, [2], got shape {corner.shape}")
     order = np.lexsort((values[:, 1], values[:, 0]))
     area, height = 0.0, float(corner[1])
     for x, y in values[order]:
@@ -127,7 +128,7 @@ def _permuted(
 def _checked(points: ArrayLike) -> Array:
     values = np.asarray(points, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 2 or len(values) == 0:
-        raise ValueError(f"points must be [num_runs, 2], got shape {values.shape}")
+        raise UserError(f"points must be [num_runs, 2], got shape {values.shape}")
     if not np.isfinite(values).all():
-        raise ValueError("points must be finite")
+        raise UserError("points must be finite")
     return values

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from analysis.statistics.results import checked_samples, spread_problem
+from tlr_exp.errors import UserError
 
 MOST_SEEDS = 1_000_000
 # Beyond so many standard deviations the power is 1 at any level in use.
@@ -29,9 +30,9 @@ def power(num_seeds: int, effect: float, *, paired: bool = False, alpha: float =
         ValueError: fewer than two seeds, or alpha outside (0, 1).
     """
     if num_seeds < 2:
-        raise ValueError(f"a t-test needs at least two seeds, got {num_seeds}")
+        raise UserError(f"a t-test needs at least two seeds, got {num_seeds}")
     if not 0 < alpha < 1:
-        raise ValueError(f"alpha must lie between 0 and 1, got {alpha}")
+        raise UserError(f"alpha must lie between 0 and 1, got {alpha}")
     freedom = num_seeds - 1 if paired else 2 * (num_seeds - 1)
     noncentrality = min(abs(effect), HUGE_EFFECT) ** 2 * num_seeds / (1 if paired else 2)
     critical = stats.t.ppf(1 - alpha / 2, freedom) ** 2
@@ -109,4 +110,4 @@ def seeds_needed(
 
 def _check_target(target: float, alpha: float) -> None:
     if not alpha < target < 1:
-        raise ValueError(f"the power aimed at must lie between alpha = {alpha} and 1, got {target}")
+        raise UserError(f"the power aimed at must lie between alpha = {alpha} and 1, got {target}")

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tlr_exp.errors import UserError
+
 Array = NDArray[np.float64]
 
 # A spread below this share of the largest value is rounding, not variation.
@@ -60,9 +62,7 @@ def checked_sample(values: ArrayLike, name: str) -> Array:
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size == 0:
-        raise ValueError(
-            f"{name} must be one number per seed, [num_seeds], got shape {array.shape}"
-        )
+        raise UserError(f"{name} must be one number per seed, [num_seeds], got shape {array.shape}")
     _check_finite(array, name)
     return array
 
@@ -77,7 +77,7 @@ def checked_samples(
     """
     first, second = checked_sample(baseline, "baseline"), checked_sample(treatment, "treatment")
     if paired and first.size != second.size:
-        raise ValueError(
+        raise UserError(
             f"a paired comparison needs the same seeds in both arms, got {first.size} of baseline "
             f"and {second.size} of treatment"
         )
@@ -92,7 +92,7 @@ def checked_curves(values: ArrayLike, name: str) -> Array:
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2 or array.size == 0:
-        raise ValueError(
+        raise UserError(
             f"{name} must be one curve per seed, [num_seeds, num_iterations], got shape "
             f"{array.shape}"
         )
@@ -107,7 +107,7 @@ def checked_confidence(confidence: float) -> float:
         ValueError: not between 0 and 1.
     """
     if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence must lie between 0 and 1 (0.95 for 95 %), got {confidence}")
+        raise UserError(f"confidence must lie between 0 and 1 (0.95 for 95 %), got {confidence}")
     return confidence
 
 
@@ -142,4 +142,4 @@ def spread_problem(baseline: Array, treatment: Array, *, paired: bool = False) -
 def _check_finite(array: Array, name: str) -> None:
     wrong = array.size - int(np.isfinite(array).sum())
     if wrong:
-        raise ValueError(f"{name} must be finite, but {wrong} of {array.size} values are not")
+        raise UserError(f"{name} must be finite, but {wrong} of {array.size} values are not")

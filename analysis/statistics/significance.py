@@ -22,6 +22,7 @@ from analysis.statistics.results import (
     spread_problem,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 # SciPy's exact distribution of the rank sums is quick up to here, and the normal one good beyond.
 EXACT_RANK_SEEDS = 50
@@ -138,11 +139,11 @@ def smallest_p(num_baseline: int, num_treatment: int, *, paired: bool = False) -
         ValueError: no seed, or unequal numbers of paired seeds.
     """
     if min(num_baseline, num_treatment) < 1:
-        raise ValueError(f"at least one seed per arm, got {num_baseline} and {num_treatment}")
+        raise UserError(f"at least one seed per arm, got {num_baseline} and {num_treatment}")
     if not paired:
         return min(1.0, 2 / comb(num_baseline + num_treatment, num_baseline))
     if num_baseline != num_treatment:
-        raise ValueError(f"paired arms share their seeds, got {num_baseline} and {num_treatment}")
+        raise UserError(f"paired arms share their seeds, got {num_baseline} and {num_treatment}")
     return 2.0 ** (1 - num_baseline)
 
 
@@ -158,7 +159,7 @@ def holm(p_values: ArrayLike) -> Array:
     """
     values = np.asarray(p_values, dtype=np.float64)
     if values.ndim != 1 or (values < 0).any() or (values > 1).any():
-        raise ValueError(f"p-values must be a list of numbers in [0, 1], got {values.tolist()}")
+        raise UserError(f"p-values must be a list of numbers in [0, 1], got {values.tolist()}")
     order = np.argsort(values)  # NaN last: it takes the least demanding place
     factors = values.size - np.arange(values.size)
     adjusted = np.empty_like(values)

@@ -16,6 +16,7 @@ from analysis.statistics.results import (
     is_constant,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def tail_change(
     values = checked_curves(curves, "curves")
     times = np.asarray(iterations, dtype=np.float64)
     if times.shape != values.shape[1:] or not 0 < share <= 1:
-        raise ValueError(
+        raise UserError(
             f"iterations must be [{values.shape[1]}] and the share lie in (0, 1], got "
             f"{times.shape} and {share}"
         )
@@ -58,7 +59,7 @@ def tail_change(
         return _unknown(len(values), "fewer than two points at the end of training")
     levels = part.mean(axis=1)
     if (levels <= 0).any():
-        raise ValueError("a change as a share needs curves that are positive at their end")
+        raise UserError("a change as a share needs curves that are positive at their end")
     centred = at - at.mean()
     slopes = part @ centred / (centred @ centred)
     by_seed = slopes * share * times[-1] / levels

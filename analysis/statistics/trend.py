@@ -20,6 +20,7 @@ from analysis.statistics.results import (
     is_constant,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def trend(
     """
     at = checked_sample(values, "values")
     if at.size != len(samples) or np.unique(at).size != at.size or at.size < 2:
-        raise ValueError(
+        raise UserError(
             f"a trend needs two or more different values with one sample each, got {at.tolist()} "
             f"and {len(samples)} samples"
         )

@@ -15,6 +15,7 @@ from scipy import stats
 
 from analysis.statistics.paper import iteration_t_test
 from analysis.statistics.results import Array, SignificanceTest
+from tlr_exp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def needed_effect(p_value: float, num_pairs: int) -> float:
         ValueError: a p-value outside (0, 1], or fewer than two pairs.
     """
     if not 0 < p_value <= 1 or num_pairs < 2:
-        raise ValueError(
+        raise UserError(
             f"a p-value in (0, 1] and two pairs at least, got {p_value} and {num_pairs}"
         )
     return float(stats.t.isf(p_value / 2, num_pairs - 1)) / num_pairs**0.5

@@ -85,7 +85,7 @@ def test_nothing_of_a_killed_sweep_lives_on(sweeper):
 def test_mistakes_in_any_job_are_told_before_any_starts(sweeper):
     status, output = sweeper.run("scale.num_envs=5,16", "scale.iterations=1")
     assert status == 2
-    assert "job 0 (scale.num_envs=5): reward.objective.threshold_share 0.1" in output
-    assert "no candidate" in output
+    assert "job 0 (scale.num_envs=5): reward.objective: threshold_share 0.1 of num_envs 5" in output
+    assert "less than one candidate" in output
     assert sweeper.runs == []
     assert SweepDirectory.find(sweeper.folder) == []

@@ -173,7 +173,7 @@ def test_a_list_a_range_a_choice_and_a_glob_are_sweeps(multirun):
         ),
         (["optimizer=gwo,gwoo"], ["job 1 (optimizer=gwoo)", "gwoo", "random"]),
         (["num_threads=1,2"], ["jobs 0 (num_threads=1) and 1 (num_threads=2) learn the same"]),
-        (["seed=0,1", "optimizer=ospo", "optimizer.elites=50"], ["elites", "50"]),
+        (["seed=0,1", "optimizer=ospo", "optimizer.elites=50"], ["population", "50"]),
         (["optimizer=ospo", "optimizer.elites=10,50"], ["job 1 (optimizer.elites=50)", "elites"]),
         (["optimizer=effective_dimension", "optimizer.rest=0.5,2.0"], ["job 1", "rest"]),
         (["study=a,b"], ["study must be the same in every job"]),

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from typing import Any
 
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
+from tlr_exp.errors import UserError
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -41,12 +42,12 @@ def check_files(
     try:
         now = file_hashes(config if INITIAL in known else {**config, INITIAL: None})
     except FileNotFoundError as error:
-        raise ValueError(
+        raise UserError(
             f"{error.filename} is not there any more, and {run.path.name} needs it"
         ) from error
     for key, then in known.items():
         if named[key] != str(run.motion_path) and now[key] != then:
-            raise ValueError(
+            raise UserError(
                 f"{named[key]} ({key}) is not what {run.path.name} was trained with: its SHA-256 "
                 f"is {now[key]}, and was {then}. Put back what it held then"
             )

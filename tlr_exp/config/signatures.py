@@ -73,7 +73,7 @@ def _signatures(part: Callable[..., Any]) -> Iterator[inspect.Signature]:
     for maker in part.__mro__[:-1] if isinstance(part, type) else (part,):
         try:
             yield inspect.signature(maker, eval_str=True)
-        except NameError:  # of a type that is imported for type checkers alone
+        except (NameError, AttributeError):  # a type that is imported for type checkers alone
             yield inspect.signature(maker)
         except ValueError:  # compiled, and does not say
             return

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice
 from tlr_exp.records.outputs import check_free
 from tlr_exp.records.run_directory import EVALUATIONS
@@ -68,7 +69,7 @@ def read_starts(path: Path, starts: int) -> list[dict[str, Any]]:
     except (ValueError, KeyError, TypeError):
         complete, rows = False, []
     if not complete:
-        raise ValueError(
+        raise UserError(
             f"{path} is no whole record of {starts} roll-outs: move it away, or measure the run "
             f"alone with tlr-evaluate RUN --starts {starts} --force"
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.distances import body_distance, tilt
 from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
@@ -119,13 +120,13 @@ def _pictures(
 
 def _check(rows: Sequence[StripRow], columns: int) -> None:
     if not rows:
-        raise ValueError("a strip needs at least one policy")
+        raise UserError("a strip needs at least one policy")
     first = rows[0].trajectory
     for row in rows[1:]:
         if not same_motion(row.trajectory.reference_qpos, first.reference_qpos):
-            raise ValueError(f"{row.label!r} and {rows[0].label!r} have different references")
+            raise UserError(f"{row.label!r} and {rows[0].label!r} have different references")
     if not 1 <= columns <= first.num_steps:
-        raise ValueError(f"columns is {columns}; the motion has 1 to {first.num_steps} moments")
+        raise UserError(f"columns is {columns}; the motion has 1 to {first.num_steps} moments")
 
 
 class _Page:

@@ -74,7 +74,7 @@ class CheckpointStore:
         self, directory: str | Path, keep_last: int, keep_iterations: frozenset[int] = frozenset()
     ) -> None:
         if keep_last < 1:
-            raise ValueError(f"keep_last is {keep_last}: at least one checkpoint must be kept")
+            raise UserError(f"keep_last is {keep_last}: at least one checkpoint must be kept")
         self.directory = Path(directory)
         self.keep_last = keep_last
         self.keep_iterations = keep_iterations
@@ -186,7 +186,7 @@ def load_checkpoint(
         with zipfile.ZipFile(path) as archive:
             damaged = archive.testzip()
         if damaged is not None:
-            raise ValueError(f"{damaged} in it is damaged")
+            raise UserError(f"{damaged} in it is damaged")
         state = torch.load(path, map_location=map_location, weights_only=True)
     except FileNotFoundError as error:
         raise CheckpointError(f"there is no checkpoint {path}") from error

@@ -6,6 +6,8 @@ import json
 import logging
 from pathlib import Path
 
+from tlr_exp.errors import UserError
+
 SUFFIX = ".pt"
 SCORES = "scores.json"
 CHECKPOINTS = "checkpoints"
@@ -56,7 +58,7 @@ def chosen_checkpoint(directory: Path, wanted: str | None = None) -> Path:
     """
     iterations = checkpoint_iterations(directory)
     if not iterations:
-        raise ValueError(f"{directory} holds no checkpoint yet")
+        raise UserError(f"{directory} holds no checkpoint yet")
     best = best_iteration(directory)
     named = {
         **{str(iteration): iteration for iteration in iterations},
@@ -65,7 +67,7 @@ def chosen_checkpoint(directory: Path, wanted: str | None = None) -> Path:
     iteration = named.get(str(int(wanted)) if wanted and wanted.isdecimal() else wanted)
     if iteration is None:
         names = [name for name, found in named.items() if name and found is not None]
-        raise ValueError(f"{directory} has no checkpoint {wanted!r}; it has {', '.join(names)}")
+        raise UserError(f"{directory} has no checkpoint {wanted!r}; it has {', '.join(names)}")
     return checkpoint_path(directory, iteration)
 
 
@@ -77,10 +79,10 @@ def initial_checkpoint(path: Path) -> Path:
     """
     if path.suffix == SUFFIX:
         if not path.is_file():
-            raise ValueError(f"there is no checkpoint {path}")
+            raise UserError(f"there is no checkpoint {path}")
         return path
     if not path.is_dir():
-        raise ValueError(f"there is no folder {path}; a run or a checkpoint ({SUFFIX}) is needed")
+        raise UserError(f"there is no folder {path}; a run or a checkpoint ({SUFFIX}) is needed")
     if not (path / CHECKPOINTS).is_dir():
-        raise ValueError(f"{path} is no run: it has no folder {CHECKPOINTS}")
+        raise UserError(f"{path} is no run: it has no folder {CHECKPOINTS}")
     return chosen_checkpoint(path / CHECKPOINTS)

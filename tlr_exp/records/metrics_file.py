@@ -34,7 +34,7 @@ def append_metrics(path: Path, iteration: int, metrics: Mapping[str, float]) -> 
     line: dict[str, Any] = {ITERATION: int(iteration), WALL_TIME: round(time.time(), 3)}
     for name, value in metrics.items():
         if name in (ITERATION, WALL_TIME):
-            raise ValueError(f"metric name {name!r} is reserved for the line itself")
+            raise UserError(f"metric name {name!r} is reserved for the line itself")
         line[name] = _plain_number(name, value)
     append_line(path, json.dumps(line, allow_nan=False).encode())
 
@@ -93,7 +93,7 @@ def _plain_number(name: str, value: Any) -> float | int | None:
     try:
         number = float(value)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"metric {name!r} is {type(value).__name__}, not one number") from error
+        raise UserError(f"metric {name!r} is {type(value).__name__}, not one number") from error
     return number if math.isfinite(number) else None
 
 

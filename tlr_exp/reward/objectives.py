@@ -99,7 +99,7 @@ class BestByGoal:
         share = Fraction(str(self.threshold_share))
         num_candidates = math.floor(share * num_envs)
         if num_candidates < 1:
-            raise ValueError(
+            raise UserError(
                 f"threshold_share {self.threshold_share} of num_envs {num_envs} is less than one "
                 f"candidate trajectory: use num_envs >= {math.ceil(1 / share)}, or "
                 f"threshold_share >= {1 / max(num_envs, 1):g}"
@@ -185,7 +185,7 @@ def check_returns(goal_return: Tensor, term_returns: Tensor) -> None:
         or term_returns.ndim != 2
         or term_returns.shape[0] != goal_return.shape[0]
     ):
-        raise ValueError(
+        raise UserError(
             "expected goal_return [num_envs] and term_returns [num_envs, num_terms], got shapes "
             f"{tuple(goal_return.shape)} and {tuple(term_returns.shape)}"
         )

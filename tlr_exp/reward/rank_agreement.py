@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 from torch import Tensor
 
+from tlr_exp.errors import UserError
 from tlr_exp.reward.objectives import TotalReturn, WeightFunction
 
 _SMALL_BLOCK = 16  # below it, comparing all pairs is faster than sorting
@@ -145,7 +146,7 @@ def inversions(permutations: NDArray[np.int64]) -> NDArray[np.float64]:
     rows, n = permutations.shape
     size = max(_SMALL_BLOCK, 1 << max(n - 1, 1).bit_length())
     if 2 * size > _LARGEST_NUMBER:
-        raise ValueError(f"{n} trajectories are too many for 32-bit numbers")
+        raise UserError(f"{n} trajectories are too many for 32-bit numbers")
     numbers = np.empty((rows, size), dtype=np.int32)
     numbers[:, :n] = permutations
     numbers[:, n:] = np.arange(n, size)  # in place already: they add no pair

@@ -14,6 +14,8 @@ import daqp
 import numpy as np
 from scipy.interpolate import BSpline
 
+from tlr_exp.errors import UserError
+
 GRAVITY = 9.81
 ZMP_MARGIN_M = 0.01  # how far inside the polygon the ZMP stays
 COM_MARGIN_M = 0.003  # likewise the centre of mass, where it moves slowly
@@ -172,7 +174,7 @@ def check_balance(
         for planes, point, share in zip(support.planes, zmp, mass.load, strict=True)
     ]
     if max(outside) > _TOLERANCE_M:
-        raise ValueError(
+        raise UserError(
             f"at {times_s[np.argmax(outside)]:.2f} s the weight is {1000 * max(outside):.0f} mm "
             "beside the feet that must carry it: begin the swing later, make it longer, or put "
             "the weight on the standing foot before (weight_on_right)"
@@ -199,7 +201,7 @@ def _solve(
         rho_soft=_SOFTNESS,
     )
     if flag < 1:
-        raise ValueError(f"no path of the centre of mass was found (DAQP exit flag {flag})")
+        raise UserError(f"no path of the centre of mass was found (DAQP exit flag {flag})")
     return solution
 
 

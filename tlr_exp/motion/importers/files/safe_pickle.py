@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.importers.files.unpacking import unpacked
 from tlr_exp.motion.importers.raw import DamagedError, MotionFileError
 
@@ -84,7 +85,7 @@ class _Dtype:
 
     def build(self, state: Any, file: io.BytesIO) -> None:
         if state[1] not in ("<", ">", "=", "|"):
-            raise ValueError("no byte order")
+            raise UserError("no byte order")
         self.order = state[1]
 
     @property
@@ -137,7 +138,7 @@ def _array(raw: Any, kind: Any, shape: Any, order: Any) -> np.ndarray:
         raw = raw.encode("latin-1")
     flat = np.frombuffer(raw, dtype=kind.dtype) if len(raw) else np.empty(0, kind.dtype)
     if not all(type(length) is int and length >= 0 for length in shape):
-        raise ValueError("negative length")
+        raise UserError("negative length")
     return flat.reshape(tuple(shape), order="F" if order == "F" else "C")
 
 
@@ -241,7 +242,7 @@ _MAKERS: dict[str, Callable[..., Any]] = {
 
 def _encode(text: Any, codec: Any) -> bytes:
     if not isinstance(text, str) or codec not in ("latin1", "latin-1"):
-        raise ValueError("not a byte string")
+        raise UserError("not a byte string")
     return text.encode("latin-1")
 
 

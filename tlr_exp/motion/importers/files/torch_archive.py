@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.importers.files.safe_pickle import DataUnpickler, Global, load_with
 from tlr_exp.motion.importers.raw import MotionFileError
 
@@ -124,14 +125,14 @@ def _tensor(storage: Any, offset: Any, shape: Any, strides: Any) -> np.ndarray:
     """A view into a storage; what would reach beyond it is refused."""
     numbers = (offset, *shape, *strides)
     if not all(type(n) is int and n >= 0 for n in numbers) or len(shape) != len(strides):
-        raise ValueError("no shape")
+        raise UserError("no shape")
     last = offset + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
     count = 1
     for length in shape:
         count *= length
     # An expanded tensor, of stride 0, could be larger than any memory.
     if count > storage.size or (count and last >= storage.size):
-        raise ValueError("beyond the storage")
+        raise UserError("beyond the storage")
     return np.lib.stride_tricks.as_strided(
         storage[offset:], shape, [s * storage.itemsize for s in strides], writeable=False
     )
