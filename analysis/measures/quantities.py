@@ -73,8 +73,6 @@ def quantity_of_roll_out(measure: str) -> Quantity | None:
     """How a measure of a roll-out is shown; None where it is not known which way is better."""
     if measure.startswith(keys.REWARD_TERM_PREFIX):
         term = TERMS.get(measure.removeprefix(keys.REWARD_TERM_PREFIX))
-        if term is None or not term.is_cost:
-            return None
-        return Quantity(term.name, term.unit, False)
+        return None if term is None or not term.is_cost else Quantity(term.name, term.unit, False)
     known = TRACKING_OF_ROLL_OUT | EFFORT_OF_ROLL_OUT | COST_OF_ROLL_OUT
     return known.get(measure)
