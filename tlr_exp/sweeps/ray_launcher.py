@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tlr_exp.records.run_directory import RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
@@ -163,20 +164,35 @@ def _own_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _quiet(log: Path) -> Iterator[None]:
-    """Let what is written to stderr meanwhile, by Ray's threads and processes, go to a file."""
-    log.parent.mkdir(exist_ok=True)
+def _quiet(path: Path) -> Iterator[None]:
+    """Let what Ray says meanwhile go to a file: all of stderr, and what its threads print."""
+    path.parent.mkdir(exist_ok=True)
     sys.stderr.flush()
-    kept = os.dup(2)
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    os.dup2(file, 2)
-    os.close(file)
-    try:
-        yield
-    finally:
-        sys.stderr.flush()
-        os.dup2(kept, 2)
-        os.close(kept)
+    before, kept = sys.stdout, os.dup(2)
+    with open(path, "a", buffering=1, encoding="utf-8") as log:
+        os.dup2(log.fileno(), 2)
+        sys.stdout = _WithoutRay(before, log)  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            sys.stdout = before
+            sys.stderr.flush()
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+class _WithoutRay:
+    """A stream like ``stdout``; what threads of Ray write into it goes to ``log``."""
+
+    def __init__(self, stdout: TextIO, log: TextIO) -> None:
+        self._stdout, self._log = stdout, log
+
+    def write(self, text: str) -> int:
+        is_ray = threading.current_thread().name.startswith("ray_")
+        return (self._log if is_ray else self._stdout).write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stdout, name)
 
 
 def _first_line(error: BaseException) -> str:
