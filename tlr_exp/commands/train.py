@@ -1,6 +1,7 @@
 """``tlr-train``: one run from the command line; it wires the parts.
 
-Many (``-m``) are taken over by ``tlr_exp.sweeps``, each of them a process that uses these parts.
+Hydra hands many (``-m``) to the sweeper in ``hydra_plugins``: each of them is a process that uses
+these parts.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from tlr_exp.config.input_files import INITIAL
@@ -23,7 +25,7 @@ from tlr_exp.config.load import (
     plain_config,
     with_absolute_paths,
 )
-from tlr_exp.config.overrides import explain_mistakes, overridden_keys
+from tlr_exp.config.overrides import OTHER_SWEEPER, explain_mistakes, overridden_keys
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
 from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
 from tlr_exp.records.run_directory import FINISHED, RunDirectory, RunDirectoryError
@@ -59,6 +61,8 @@ def main() -> None:
 @hydra.main(version_base="1.3", config_path=CONFIG_PATH, config_name="config")
 def _train(config: DictConfig) -> None:
     with _errors_for_people():
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            raise ConfigError(OTHER_SWEEPER)
         settings = load_settings(config)
         if is_run(settings.resume):
             _go_on_with(settings.resume, plain_config(config))

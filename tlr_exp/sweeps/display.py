@@ -75,6 +75,7 @@ class PlainSweepDisplay:
 
     def show(self, states: Sequence[JobState], note: str) -> None:
         now = time.monotonic()
+        self.pace.note(states, now)
         seen = (counts(states), {state.reason for state in states}, note)
         if seen == self._shown and now - self._shown_at < self.interval_s:
             return
@@ -105,6 +106,7 @@ class LiveSweepDisplay:
         self.bar.console.print(escape(line), highlight=False, soft_wrap=True)
 
     def show(self, states: Sequence[JobState], note: str) -> None:
+        self.pace.note(states, time.monotonic())
         self.bar.update(
             self.task,
             completed=sum(state.done for state in states),
@@ -116,8 +118,9 @@ class LiveSweepDisplay:
         self.bar.stop()
 
 
-def make_sweep_display(name: str, pace: Pace) -> SweepDisplay:
-    """A live line on a terminal, plain lines elsewhere."""
+def make_sweep_display(name: str, slots: int | None) -> SweepDisplay:
+    """A live line on a terminal, plain lines elsewhere; of a sweep with ``slots`` jobs at once."""
+    pace = Pace(slots)
     if sys.stdout.isatty():
         return LiveSweepDisplay(name, pace, Console())
     return PlainSweepDisplay(name, pace)

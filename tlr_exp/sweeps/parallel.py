@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from tlr_exp.errors import UserError
+
 # PyTorch, NumPy and MuJoCo's helpers read these when they are loaded.
 THREAD_VARIABLES = (
     *("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"),
@@ -16,7 +18,7 @@ THREAD_VARIABLES = (
 SLURM_LAUNCHER, RAY_LAUNCHER = "SlurmLauncher", "RayLauncher"
 
 
-class LauncherError(RuntimeError):
+class LauncherError(UserError):
     """The launcher is not installed, refuses its settings, or broke down."""
 
 
