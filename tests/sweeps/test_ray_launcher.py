@@ -11,7 +11,7 @@ def test_what_rays_threads_and_processes_print_is_kept_in_a_file(tmp_path, capfd
     log = tmp_path / "launcher" / "ray.log"
     with _quiet(log):
         for name in ("ray_listen_error_messages", "monitor"):
-            thread = threading.Thread(target=lambda: print(f"by {name}"), name=name)
+            thread = threading.Thread(target=print, args=(f"by {name}",), name=name)
             thread.start()
             thread.join()
         print("by the sweep")
