@@ -83,20 +83,20 @@ def turn(sweep: SweepDirectory, plan: Plan) -> Iterator[None]:
         try:
             stack.enter_context(sweep.lock(timeout_s=0.2))
         except SweepDirectoryError as error:
-            _wait_for(str(error), stack, sweep, plan)
+            with closing(make_sweep_display(plan.name, None)) as display:
+                display.say(f"{error}\nWaiting for it; Ctrl-C leaves it alone.")
+                _wait_for(sweep, plan, display, stack)
         yield
 
 
-def _wait_for(holder: str, stack: ExitStack, sweep: SweepDirectory, plan: Plan) -> None:
+def _wait_for(sweep: SweepDirectory, plan: Plan, display: SweepDisplay, stack: ExitStack) -> None:
     """Look until the sweep is free, then hold it in ``stack``."""
-    with closing(make_sweep_display(plan.name, None)) as display:
-        display.say(f"{holder}\nWaiting for it; Ctrl-C leaves it alone.")
-        while True:
-            display.show(job_states(sweep, plan.jobs), "")
-            time.sleep(TURN_S)
-            with suppress(SweepDirectoryError):
-                stack.enter_context(sweep.lock(timeout_s=0.2))
-                return
+    while True:
+        display.show(job_states(sweep, plan.jobs), "")
+        time.sleep(TURN_S)
+        with suppress(SweepDirectoryError):
+            stack.enter_context(sweep.lock(timeout_s=0.2))
+            return
 
 
 def _work(plan: Plan, sweep: SweepDirectory, launcher: Launcher) -> int:

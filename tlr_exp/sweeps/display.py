@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from rich.console import Console
 from rich.markup import escape
@@ -25,20 +24,6 @@ STYLES = {
     **{RUNNING: "cyan", WAITING: "dim", QUEUED_AGAIN: "magenta", HELD: "magenta"},
 }
 TO_COME = (RUNNING, WAITING, QUEUED_AGAIN, HELD)
-
-
-class SweepDisplay(Protocol):
-    """Shows a sweep while it goes on."""
-
-    def say(self, line: str) -> None:
-        """A line that stays."""
-        ...
-
-    def show(self, states: Sequence[JobState], note: str) -> None:
-        """The states now, and what is to be known besides."""
-        ...
-
-    def close(self) -> None: ...
 
 
 def progress_line(states: Sequence[JobState], pace: Pace, note: str = "") -> str:
@@ -71,9 +56,11 @@ class PlainSweepDisplay:
         self._shown: object = None
 
     def say(self, line: str) -> None:
+        """A line that stays."""
         print(line, flush=True)
 
     def show(self, states: Sequence[JobState], note: str) -> None:
+        """The states now, and what is to be known besides."""
         now = time.monotonic()
         self.pace.note(states, now)
         seen = (counts(states), {state.reason for state in states}, note)
@@ -116,6 +103,9 @@ class LiveSweepDisplay:
 
     def close(self) -> None:
         self.bar.stop()
+
+
+SweepDisplay = PlainSweepDisplay | LiveSweepDisplay
 
 
 def make_sweep_display(name: str, slots: int | None) -> SweepDisplay:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.core.plugins import Plugins
 from hydra.types import HydraContext
 from omegaconf import DictConfig, open_dict
@@ -34,12 +35,13 @@ class HydraLauncher(Launcher):
         # What is not one of the presets' may wait for the queue of a cluster.
         self.leaves_by_itself = not plan.parallelism.detached
         folder = str(plan.path / LAUNCHER_FOLDER)
+        quoted = QuotedString(folder, Quote.single).with_quotes()
         slots = plan.parallelism.slots
         with open_dict(config):
             config.hydra.sweep.dir = folder
             config.hydra.sweep.subdir = "."
             # For the jobs, each of which is composed again from these.
-            config.hydra.overrides.hydra += [f"hydra.sweep.dir={quoted(folder)}"]
+            config.hydra.overrides.hydra += [f"hydra.sweep.dir={quoted}"]
             config.hydra.overrides.hydra += ["hydra.sweep.subdir=."]
             if "n_jobs" in config.hydra.launcher and slots is not None:
                 config.hydra.launcher.n_jobs = slots
@@ -69,9 +71,3 @@ class HydraLauncher(Launcher):
         except Exception as error:
             target = str(self._config.hydra.launcher.get("_target_"))
             raise LauncherError(f"hydra/launcher: {target} cannot be used: {error}") from error
-
-
-def quoted(text: str) -> str:
-    """``text`` as a value in an override, whatever characters it holds."""
-    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"

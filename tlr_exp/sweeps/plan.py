@@ -56,10 +56,11 @@ def make_plan(config: DictConfig) -> Plan:
     labels = [_label(overrides, differing) for overrides in everything]
     composed = _compose_all(hydra, everything, labels)
     shared = _check_all(composed, labels, check_device=not how.detached)
-    jobs = tuple(
-        _job(num, everything[num], labels[num], composed[num], how.threads)
-        for num in range(len(everything))
+    specs = (
+        JobSpec(num, plain, method, everything[num], labels[num], run_identity(plain))
+        for num, (plain, _, method) in enumerate(composed)
     )
+    jobs = tuple(with_threads(spec, how.threads) for spec in specs)
     _refuse_duplicates(jobs)
     identities = [job.identity for job in jobs]
     return Plan(
@@ -151,15 +152,6 @@ def _mistake(
         except ConfigError as error:
             checked[key] = error
     return checked[key]
-
-
-def _job(
-    num: int, overrides: tuple[str, ...], label: str, composed: Composed, threads: int
-) -> JobSpec:
-    """The job on its share of the cores, where the configuration leaves the number open (0)."""
-    plain, _, method = composed
-    spec = JobSpec(num, plain, method, overrides, label, run_identity(plain))
-    return with_threads(spec, threads)
 
 
 def _refuse_duplicates(jobs: Sequence[JobSpec]) -> None:

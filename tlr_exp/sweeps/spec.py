@@ -97,11 +97,6 @@ def with_threads(spec: JobSpec, threads: int) -> JobSpec:
     return replace(spec, config={**spec.config, "physics": physics, "num_threads": own})
 
 
-def spec_path(sweep: Path, num: int) -> Path:
-    """Where the specification of job ``num`` of the sweep directory lies."""
-    return sweep / JOBS / f"{num}.yaml"
-
-
 def log_path(sweep: Path, num: int) -> Path:
     """What job ``num`` printed before it had a run directory, and the launcher's words on it."""
     return sweep / JOBS / f"{num}.log"
@@ -116,7 +111,7 @@ def write_spec(sweep: Path, spec: JobSpec) -> None:
     content = {name: getattr(spec, name) for name in _KEPT}
     content |= {"config": dict(spec.config), "overrides": list(spec.overrides)}
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    atomic_write(spec_path(sweep, spec.num), text.encode())
+    atomic_write(sweep / JOBS / f"{spec.num}.yaml", text.encode())
 
 
 def read_spec(sweep: Path, num: int) -> JobSpec:
@@ -125,7 +120,7 @@ def read_spec(sweep: Path, num: int) -> JobSpec:
     Raises:
         UserError: it is missing or damaged; names the file.
     """
-    path = spec_path(sweep, num)
+    path = sweep / JOBS / f"{num}.yaml"
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         kept = {name: content[name] for name in _KEPT if name in content}
