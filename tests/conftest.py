@@ -6,7 +6,7 @@ The motion is synthetic, so that nothing here depends on the authored ones.
 import copy
 import dataclasses
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from hydra import compose, initialize_config_module
 from learners import build_learner
 from tensordict.nn import TensorDictModule
 
+from tests.trainer import Trainer
 from tlr_exp.assembly.learner import build_ppo
 from tlr_exp.assembly.terms import terms_of_training
 from tlr_exp.config.load import load_settings
@@ -40,6 +41,13 @@ hypothesis.settings.load_profile("no_deadline")
 
 CLIP_FRAMES = 41
 PELVIS_HEIGHT_M = 0.78
+
+
+@pytest.fixture
+def trainer(tmp_path: Path, short_clip_path: Path) -> Iterator[Trainer]:
+    trainer = Trainer(tmp_path, short_clip_path)
+    yield trainer
+    trainer.close()
 
 
 @pytest.fixture(scope="session")

@@ -6,13 +6,12 @@ import json
 import os
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from tests.cluster.slurm import Slurm, missing
-from tests.integration.conftest import Trainer
 from tests.integration.sweeper import Sweeper
+from tests.trainer import Trainer
 
 
 @pytest.fixture(scope="session")
@@ -64,13 +63,6 @@ class ClusterSweeper(Sweeper):
             return job.status == "running" and len(self.iterations(num)) >= lines
         except (OSError, ValueError):
             return False
-
-
-@pytest.fixture
-def trainer(tmp_path: Path, short_clip_path: Path) -> Iterator[Trainer]:
-    trainer = Trainer(tmp_path, short_clip_path)
-    yield trainer
-    trainer.close()
 
 
 @pytest.fixture

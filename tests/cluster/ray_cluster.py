@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,10 +23,14 @@ def two_raylets() -> Iterator[Any]:
 
 
 def lose_node_of(cluster: Any, pid: int) -> None:
-    """Kill the raylet above process ``pid``, which must not be that of the head."""
+    """Kill the node above process ``pid``, which must not be the head.
+
+    Its raylet must be reaped, too: the workers below look only for its process id, and would go on
+    as long as there is a zombie of that.
+    """
     ancestors = set(_ancestors(pid))
     (node,) = [node for node in cluster.worker_nodes if _raylet(node) in ancestors]
-    os.kill(_raylet(node), signal.SIGKILL)
+    cluster.remove_node(node, allow_graceful=False)
 
 
 def is_on_head(cluster: Any, pid: int) -> bool:

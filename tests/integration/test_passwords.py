@@ -1,4 +1,4 @@
-"""A password for the tracking server: it reaches no file, no output and no upload."""
+"""A password for the tracking server: in no file, no output and no upload of a run or a sweep."""
 
 import base64
 import threading
@@ -123,3 +123,19 @@ def test_a_wrong_password_is_said_at_the_end_and_not_only_in_a_log(tmp_path, cap
     assert "it refuses the user name or the password" in printed.err
     assert "Once that is mended" in printed.err
     assert_nowhere(tmp_path, printed.out, printed.err, words)
+
+
+def test_a_sweep_writes_prints_and_uploads_no_password(sweeper, tmp_path):
+    short = ("scale.iterations=2", "scale.evaluate_every=2", "optimizer=fixed", "seed=0,1")
+    (tmp_path / "server").mkdir()
+    with (
+        server(tmp_path / "server", free_port()) as behind,
+        guarded(behind) as (address, received),
+    ):
+        sweeper.environment = {"MLFLOW_TRACKING_URI": f"http://{USER}:{ESCAPED}@{address}"}
+        status, output = sweeper.run(*short, "tracking_uri=auto")
+    assert status == 0, output
+    sent = b"".join(received)
+    assert all(run.manifest["run_id"].encode() in sent for run in sweeper.runs)
+    assert sweeper.sweep.record["run_id"].encode() in sent
+    assert_nowhere(tmp_path, output, *received)

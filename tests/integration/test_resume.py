@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.integration.conftest import Trainer
 from tests.patience import HANG_S
+from tests.trainer import Trainer
 from tlr_exp.records.checkpoint import CheckpointStore, load_checkpoint
 from tlr_exp.records.directory import FINISHED, INTERRUPTED
 from tlr_exp.records.run_directory import RunDirectory

@@ -4,6 +4,8 @@ import json
 import os
 import signal
 
+import pytest
+
 from tests.integration.sweeper import LAST
 from tests.patience import HANG_S, wait_for
 from tlr_exp.records.directory import FINISHED, INTERRUPTED
@@ -87,5 +89,31 @@ def test_mistakes_in_any_job_are_told_before_any_starts(sweeper):
     assert status == 2
     assert "job 0 (scale.num_envs=5): reward.objective: threshold_share 0.1 of num_envs 5" in output
     assert "less than one candidate" in output
+    assert sweeper.runs == []
+    assert SweepDirectory.find(sweeper.folder) == []
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        (
+            "ppo.gamma=interval(0,1)",
+            "ppo.gamma=interval(0,1): a sweep needs single values",
+        ),
+        ("hydra/sweeper=basic", "hydra/sweeper: a sweep of tlr-train knows all of its jobs"),
+        ("+sweep=mine", "hydra/sweeper: a sweep of tlr-train knows all of its jobs"),
+    ],
+)
+def test_what_no_sweep_can_be_is_told_by_the_command(sweeper, override, words):
+    presets = sweeper.folder / "presets"
+    (presets / "sweep").mkdir(parents=True)
+    (presets / "sweep" / "mine.yaml").write_text(
+        "# @package _global_\ndefaults: [{override /hydra/sweeper: basic}]\n"
+        "hydra: {sweeper: {params: {seed: '0,1'}}}\n"
+    )
+    status, output = sweeper.run(f"hydra.searchpath=[file://{presets}]", override)
+    assert status == 2, output
+    assert words in output
+    assert "Traceback" not in output
     assert sweeper.runs == []
     assert SweepDirectory.find(sweeper.folder) == []

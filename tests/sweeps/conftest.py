@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 from tlr_exp.sweeps.parallel import Parallelism
-from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob
+from tlr_exp.sweeps.spec import JobSpec, Plan
 
 ITERATIONS = 10
 
@@ -35,9 +35,14 @@ def multirun() -> Iterator[Callable[..., DictConfig]]:
 @pytest.fixture
 def plan(tmp_path: Path) -> Plan:
     """Three jobs that need no real configuration."""
-    spec = JobSpec(config={"seed": 0}, method="gwo", threads=1, go_on=True)
+    config = {
+        "seed": 0,
+        "num_threads": 1,
+        "resume": "in_sweeps",
+        "scale": {"iterations": ITERATIONS},
+    }
     jobs = tuple(
-        PlannedJob(num, (f"seed={num}",), f"seed={num}", f"{num:08d}", ITERATIONS, spec)
+        JobSpec(num, config, "gwo", (f"seed={num}",), f"seed={num}", f"{num:08d}")
         for num in range(3)
     )
     return Plan(
@@ -51,7 +56,6 @@ def plan(tmp_path: Path) -> Plan:
         jobs=jobs,
         parallelism=Parallelism(1, 1, detached=False),
         uri=None,
-        go_on=True,
     )
 
 

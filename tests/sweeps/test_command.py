@@ -12,7 +12,7 @@ from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEP_LOCK, SweepDirectory
 from tlr_exp.sweeps import command
 from tlr_exp.sweeps.command import ANSWER_VARIABLE, run_sweep
-from tlr_exp.sweeps.hydra_callback import HydraLauncher
+from tlr_exp.sweeps.launching import Launcher
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -22,7 +22,7 @@ class Display:
 
     made: list["Display"]
 
-    def __init__(self, name, pace) -> None:
+    def __init__(self, name, slots) -> None:
         self.open, self.said = True, []
         self.made.append(self)
 
@@ -48,18 +48,19 @@ def displays(monkeypatch):
 def run(plan, monkeypatch):
     """``run()``: the exit status of the command for the plan, whose launcher finishes every job."""
 
-    class Launcher(HydraLauncher):
-        def __init__(self, config, folder, task, how) -> None:
-            self.sweep = SweepDirectory(folder)
+    class Finishing(Launcher):
+        def __init__(self, config, context, plan) -> None:
+            super().__init__()
+            self.sweep = SweepDirectory(plan.path)
 
         def launch(self, jobs, stopper, say) -> None:
             for job in jobs:
                 self.sweep.write_job(job.num, "finished")
 
     monkeypatch.setattr(command, "make_plan", lambda config: plan)
-    monkeypatch.setattr(command, "HydraLauncher", Launcher)
+    monkeypatch.setattr(command, "HydraLauncher", Finishing)
     config = OmegaConf.create({"hydra": {"launcher": {"_target_": "a.BasicLauncher"}}})
-    return lambda: run_sweep(config)
+    return lambda: run_sweep(config, None)
 
 
 def sleep_by(sleep, monkeypatch) -> None:

@@ -21,7 +21,7 @@ HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, fl
 def run(sweep, plan, make_run, monkeypatch):
     """The run of job 1, which is going on according to its record; the job finds it at once."""
     found = make_run(1, "running")
-    write_spec(sweep.path, 1, plan.jobs[1].spec)
+    write_spec(sweep.path, plan.jobs[1])
     sweep.write_job(1, "running", run=found.path.name, run_id=found.manifest["run_id"])
     monkeypatch.setattr(jobs, "load_settings", lambda config: None)
     monkeypatch.setattr(jobs, "check_inputs", lambda settings: None)

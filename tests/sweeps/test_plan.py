@@ -7,7 +7,7 @@ import pytest
 
 from tlr_exp.config.load import ConfigError
 from tlr_exp.sweeps import plan as planning
-from tlr_exp.sweeps.plan import make_plan, split_overrides
+from tlr_exp.sweeps.plan import make_plan
 
 CONF = Path(__file__).parents[2] / "conf"
 MOTIONS = sorted(path.stem for path in (CONF / "env").glob("*.yaml"))
@@ -91,7 +91,7 @@ def test_what_stands_on_the_command_line_wins(multirun):
     plan = make_plan(multirun("+sweep=five_seeds", "seed=7,8", "optimizer=gwo", "scale=laptop"))
     assert [job.label for job in plan.jobs] == ["seed=7", "seed=8"]
     assert (plan.arms, plan.scale) == ((), "laptop")
-    assert {job.spec.method for job in plan.jobs} == {"gwo"}
+    assert {job.method for job in plan.jobs} == {"gwo"}
     assert {job.iterations for job in plan.jobs} == {407}
 
 
@@ -123,7 +123,7 @@ def test_the_jobs_of_a_sweep_may_begin_with_a_policy(multirun, untrained_run):
     )
     assert len({job.identity for plan in (begun, fresh) for job in plan.jobs}) == 4
     path = untrained_run / "checkpoints" / "000005.pt"
-    assert {job.spec.config["init_from"] for job in begun.jobs} == {str(path)}
+    assert {job.config["init_from"] for job in begun.jobs} == {str(path)}
     with pytest.raises(ConfigError, match=r"ppo\.hidden_sizes is \[16\] there, \[8\] here"):
         make_plan(multirun(*small, f"init_from={untrained_run}", "ppo.hidden_sizes=[8]"))
 
@@ -133,7 +133,7 @@ def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, m
     monkeypatch.setattr(planning, "available_cores", lambda: 8)
 
     def threads(*overrides):
-        spec = make_plan(multirun("seed=range(4)", *overrides)).jobs[0].spec
+        spec = make_plan(multirun("seed=range(4)", *overrides)).jobs[0]
         return spec.threads, spec.config["num_threads"], spec.config["physics"]["num_threads"]
 
     assert threads() == (8, 8, 8)
@@ -141,23 +141,6 @@ def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, m
     assert threads("hydra/launcher=local", "hydra.launcher.n_jobs=2") == (4, 4, 4)
     assert threads("hydra/launcher=local", "num_threads=1") == (1, 1, 2)
     assert threads("hydra/launcher=slurm") == (0, 0, 0)
-
-
-def test_a_list_a_range_a_choice_and_a_glob_are_sweeps(multirun):
-    multirun()
-    choices = split_overrides(
-        ["seed=0,1", "ppo.num_epochs=range(2,6,2)", "device=choice(cpu,cuda)", "env=glob(gym*)"]
-    )
-    assert choices == {
-        "seed": ["seed=0", "seed=1"],
-        "ppo.num_epochs": ["ppo.num_epochs=2", "ppo.num_epochs=4"],
-        "device": ["device=cpu", "device=cuda"],
-        "env": ["env=gym_motion"],
-    }
-    assert split_overrides(["seed=0,1", "ppo.hidden_sizes=[1,2]", "seed=3"]) == {
-        "seed": ["seed=3"],
-        "ppo.hidden_sizes": ["ppo.hidden_sizes=[1,2]"],
-    }
 
 
 @pytest.mark.usefixtures("trusting")
@@ -212,5 +195,5 @@ def test_a_preset_of_ones_own_has_its_question_and_may_set_values(multirun, tmp_
     )
     plan = make_plan(multirun(f"hydra.searchpath=[file://{tmp_path}]", "+sweep=mine"))
     assert [job.label for job in plan.jobs] == ["optimizer=fixed", "optimizer=gwo"]
-    assert {job.spec.config["seed"] for job in plan.jobs} == {5}
+    assert {job.config["seed"] for job in plan.jobs} == {5}
     assert plan.description == "Is it mine?"

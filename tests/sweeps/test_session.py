@@ -4,29 +4,29 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
 from tlr_exp.records.run_directory import LOCK
 from tlr_exp.records.sweep_directory import SWEEP_LOCK
 from tlr_exp.sweeps import session as sessions
+from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.parallel import LauncherError, RefusedError
 from tlr_exp.sweeps.session import MAX_STARTS, Session
-from tlr_exp.sweeps.spec import PlannedJob, read_spec
+from tlr_exp.sweeps.spec import JobSpec, read_spec
 from tlr_exp.sweeps.stopping import END, STOP, Left, Stopper, request_stop
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
 
-class Launcher:
+class Ends:
     """Ends jobs as told (default: finished) and notes what it was given."""
 
     def __init__(self, sweep, ends=None) -> None:
         self.sweep, self.ends = sweep, ends or {}
         self.given: list[list[int]] = []
 
-    def __call__(self, jobs: Sequence[PlannedJob]) -> None:
+    def __call__(self, jobs: Sequence[JobSpec]) -> None:
         self.given.append([job.num for job in jobs])
         for job in jobs:
             status = self.ends.get(job.num, "finished")
@@ -39,10 +39,14 @@ def begin(plan, sweep):
     said: list[str] = []
 
     def make(launch, plan=plan, held=()) -> Session:
-        launcher = SimpleNamespace(
-            held=lambda: held, launch=lambda jobs, stopper, say: launch(jobs), remarks={}
-        )
-        session = Session(plan, sweep, launcher, Stopper(sweep.path), said.append)
+        class Given(Launcher):
+            def held(self) -> Sequence[int]:
+                return held
+
+            def launch(self, jobs, stopper, say) -> None:
+                launch(jobs)
+
+        session = Session(plan, sweep, Given(), Stopper(sweep.path), said.append)
         session.said = said  # type: ignore[attr-defined]
         session.prepare()
         return session
@@ -55,11 +59,11 @@ def statuses(sweep):
 
 
 def test_all_jobs_are_handed_out_at_once_with_what_they_need(begin, sweep, plan):
-    launcher = Launcher(sweep)
+    launcher = Ends(sweep)
     session = begin(launcher)
     assert statuses(sweep) == ["waiting"] * 3
     assert [job.overrides for job in sweep.jobs()] == [("seed=0",), ("seed=1",), ("seed=2",)]
-    assert read_spec(sweep.path, 2) == plan.jobs[2].spec
+    assert read_spec(sweep.path, 2) == plan.jobs[2]
     session.work_off()
     assert launcher.given == [[0, 1, 2]]
     assert statuses(sweep) == ["finished"] * 3
@@ -67,7 +71,7 @@ def test_all_jobs_are_handed_out_at_once_with_what_they_need(begin, sweep, plan)
 
 def test_finished_runs_are_skipped_and_broken_ones_handed_out_again(begin, sweep, make_run):
     runs = make_run(0, "finished"), make_run(1, "failed"), make_run(2, "running")  # 2 was killed
-    launcher = Launcher(sweep, {1: "failed"})
+    launcher = Ends(sweep, {1: "failed"})
     session = begin(launcher)
     session.work_off()
     assert launcher.given == [[1, 2]]
@@ -83,7 +87,7 @@ def test_a_finished_run_counts_although_a_later_one_is_not(begin, sweep, make_ru
 
     later = RunDirectory.create(plan.study_folder / "later", {}, {}, plan.jobs[0].identity)
     later.set_status("failed")
-    launcher = Launcher(sweep)
+    launcher = Ends(sweep)
     begin(launcher).work_off()
     assert launcher.given == [[1, 2]]
     assert sweep.job(0).run == "run0"
@@ -91,8 +95,9 @@ def test_a_finished_run_counts_although_a_later_one_is_not(begin, sweep, make_ru
 
 def test_new_runs_are_asked_for_by_resume_never(begin, sweep, make_run, plan):
     make_run(0, "finished")
-    launcher = Launcher(sweep)
-    begin(launcher, replace(plan, go_on=False)).work_off()
+    launcher = Ends(sweep)
+    anew = [replace(job, config={**job.config, "resume": "never"}) for job in plan.jobs]
+    begin(launcher, replace(plan, jobs=tuple(anew))).work_off()
     assert launcher.given == [[0, 1, 2]]
 
 
@@ -106,7 +111,7 @@ def test_a_run_of_another_process_is_waited_for_and_then_looked_at_again(
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "1\n"
-        launcher = Launcher(sweep)
+        launcher = Ends(sweep)
         session = begin(launcher)
         waited = []
 
@@ -126,7 +131,7 @@ def test_a_run_of_another_process_is_waited_for_and_then_looked_at_again(
 
 
 def test_a_job_that_never_answers_is_given_up(begin, sweep):
-    launcher = Launcher(sweep, {1: "waiting"})
+    launcher = Ends(sweep, {1: "waiting"})
     begin(launcher).work_off()
     assert launcher.given == [[0, 1, 2]] + [[1]] * (MAX_STARTS - 1)
     assert statuses(sweep) == ["finished", "failed", "finished"]
@@ -143,7 +148,7 @@ def test_a_stopped_sweep_hands_out_nothing_more(begin, sweep):
 
 
 def test_the_file_of_a_person_stops_a_sweep_and_fails_no_job(begin, sweep):
-    launcher = Launcher(sweep, {0: "interrupted", 1: "waiting", 2: "waiting"})
+    launcher = Ends(sweep, {0: "interrupted", 1: "waiting", 2: "waiting"})
 
     def launch(jobs):
         (sweep.path / STOP).touch()  # while job 0 runs; the others find it and do not start
@@ -167,7 +172,7 @@ def test_the_file_ends_the_waiting_for_another_process(begin, sweep, make_run, m
         (sweep.path / STOP).touch()
 
     monkeypatch.setattr(sessions.time, "sleep", wait)
-    begin(Launcher(sweep)).work_off()
+    begin(Ends(sweep)).work_off()
     assert len(waited) == 1
     assert [run.status for run in runs] == ["running"] * 3
 
@@ -197,7 +202,7 @@ def test_jobs_that_the_queue_holds_are_watched_with_the_records_that_they_wrote(
 ):
     make_run(0, "finished")
     run = make_run(1, "running")
-    launcher = Launcher(sweep)
+    launcher = Ends(sweep)
     seen = []
 
     def launch(jobs):
@@ -224,7 +229,7 @@ def test_jobs_that_died_with_their_launcher_are_not_left_running(begin, sweep, m
 
 
 def test_a_finished_sweep_is_known_as_long_as_its_runs_are_there(begin, sweep, make_run, plan):
-    session = begin(Launcher(sweep))
+    session = begin(Ends(sweep))
     runs = [make_run(num, "finished") for num in range(3)]
     assert not session.is_finished()  # it says running
     sweep.set_status("finished")

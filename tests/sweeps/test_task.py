@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tlr_exp.sweeps.spec import JobSpec, log_path, write_spec
+from tlr_exp.sweeps.spec import JobSpec, log_path, read_spec, write_spec
 from tlr_exp.sweeps.stopping import KILL, request_stop
 from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask, job_environment, one_line
 
 
 @pytest.fixture
 def task(sweep, plan, monkeypatch):
-    write_spec(sweep.path, 1, plan.jobs[1].spec)
+    write_spec(sweep.path, plan.jobs[1])
     sweep.write_job(1, "waiting", overrides=["seed=1"])
     monkeypatch.setenv(JOB_VARIABLE, "1")
     return JobTask(str(sweep.path), os.getpid())
@@ -116,8 +116,17 @@ def test_errors_become_one_line():
 def test_a_specification_is_read_as_it_was_written(tmp_path):
     (tmp_path / "jobs").mkdir()
     config = {"a": {"b": [1, 2.5, None, "ü"]}, "rate": 1e-5, "path": str(Path("/x y"))}
-    spec = JobSpec(config=config, method="gwo", threads=0, go_on=False)
-    write_spec(tmp_path, 3, spec)
-    from tlr_exp.sweeps.spec import read_spec
-
+    spec = JobSpec(3, config, "gwo", ("seed=0,1", "x='ü'"), "seed=0", "0011aabb")
+    write_spec(tmp_path, spec)
     assert read_spec(tmp_path, 3) == spec
+
+
+def test_a_specification_of_an_earlier_version_starts_its_job(tmp_path):
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / "3.yaml").write_text(
+        "method: gwo\nthreads: 2\ngo_on: false\n"
+        "config: {num_threads: 2, resume: never, scale: {iterations: 7}}\n"
+    )
+    spec = read_spec(tmp_path, 3)
+    assert (spec.num, spec.method, spec.threads, spec.go_on) == (3, "gwo", 2, False)
+    assert spec.iterations == 7

@@ -1,6 +1,7 @@
 """``tlr-train``: one run from the command line; it wires the parts.
 
-Many (``-m``) are taken over by ``tlr_exp.sweeps``, each of them a process that uses these parts.
+Hydra hands many (``-m``) to the sweeper in ``hydra_plugins``: each of them is a process that uses
+these parts.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from tlr_exp.config.input_files import INITIAL
@@ -21,7 +23,7 @@ from tlr_exp.config.load import (
     plain_config,
     with_absolute_paths,
 )
-from tlr_exp.config.overrides import explain_mistakes, overridden_keys
+from tlr_exp.config.overrides import OTHER_SWEEPER, explain_mistakes, overridden_keys
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
 from tlr_exp.machine.terminal import (
     EXIT_INTERRUPTED,
@@ -67,6 +69,8 @@ def _train(config: DictConfig) -> None:
 )
 def train(config: DictConfig) -> int:
     """One run, as Hydra's configuration says. 0: trained; 1: failed; 2: wrong; 130: interrupted."""
+    if HydraConfig.get().mode == RunMode.MULTIRUN:
+        raise ConfigError(OTHER_SWEEPER)
     settings = load_settings(config)
     if is_run(settings.resume):
         return _go_on_with(settings.resume, plain_config(config))

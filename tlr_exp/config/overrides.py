@@ -7,13 +7,17 @@ from collections.abc import Sequence
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
+from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG
 
 SWEEP_MARKS = ("+sweep=", "hydra.mode=MULTIRUN")  # besides -m, what makes a command a sweep
+OTHER_SWEEPER = (
+    "hydra/sweeper: a sweep of tlr-train knows all of its jobs before any starts, and goes on with "
+    "what is there, which no other sweeper does: leave it out"
+)
 
 
 def explain_mistakes(arguments: Sequence[str]) -> None:
@@ -29,11 +33,14 @@ def explain_mistakes(arguments: Sequence[str]) -> None:
     is_sweep = bool(flags) or any(override.startswith(SWEEP_MARKS) for override in overrides)
     try:
         with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+            if "hydra/sweeper" in overridden_keys(overrides):
+                raise UserError(OTHER_SWEEPER)
             if is_sweep:
-                overrides = _first_values(overrides)
+                overrides = [values[0] for values in split_overrides(overrides).values()]
             _compose(overrides)
     except (HydraException, ValueError) as error:
-        where = "" if isinstance(error, HydraException) else f"in {' '.join(overrides)}: "
+        explained = isinstance(error, HydraException | UserError)
+        where = "" if explained else f"in {' '.join(overrides)}: "
         print(f"{where}{error}", file=sys.stderr)
         sys.exit(EXIT_WRONG)
 
@@ -44,18 +51,34 @@ def overridden_keys(overrides: Sequence[str]) -> list[str]:
     return [override.key_or_group for override in parsed]
 
 
-def _first_values(overrides: Sequence[str]) -> list[str]:
-    """Of each sweep of values the first: ``seed=0,1`` and ``seed=range(2)`` become ``seed=0``."""
+def split_overrides(overrides: Sequence[str]) -> dict[str, list[str]]:
+    """For each key the overrides that its jobs have, one per value; of a key given twice the last.
+
+    Lists (``a=1,2``), ranges, choices and globs are sweeps. Hydra must be initialized.
+
+    Raises:
+        UserError: an override that is none, or one without single values, such as an interval.
+    """
     loader = GlobalHydra.instance().config_loader()
-    parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
-    return [_first_value(override) for override in parsed]
-
-
-def _first_value(override: Override) -> str:
-    if override.is_sweep_override() and override.is_discrete_sweep():
-        for value in override.sweep_string_iterator():
-            return f"{override.get_key_element()}={value}"
-    return str(override.input_line)
+    try:
+        parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
+    except HydraException as error:
+        raise UserError(str(error)) from error
+    choices: dict[str, list[str]] = {}
+    for override in parsed:
+        key = override.get_key_element()
+        if not override.is_sweep_override():
+            choices[key] = [str(override.input_line)]
+        elif override.is_discrete_sweep():
+            choices[key] = [f"{key}={value}" for value in override.sweep_string_iterator()]
+        else:
+            raise UserError(
+                f"{override.input_line}: a sweep needs single values, such as {key}=A,B or "
+                f"'{key}=range(3)'"
+            )
+        if not choices[key]:
+            raise UserError(f"{override.input_line}: there is nothing that it could mean")
+    return choices
 
 
 def _compose(overrides: list[str]) -> None:
@@ -71,7 +94,10 @@ def _compose(overrides: list[str]) -> None:
 def _unknown_key(overrides: Sequence[str]) -> str | None:
     """What to say where one of ``overrides`` names a key that the others' configuration lacks."""
     parsed = OverridesParser.create().parse_overrides(list(overrides))
+    loader = GlobalHydra.instance().config_loader()
     for override in parsed:
+        if loader.get_group_options(override.key_or_group):
+            continue  # of groups Hydra says what there is
         others = [other.input_line for other in parsed if other is not override]
         try:
             config = compose("config", [other for other in others if other is not None])

@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from rich.console import Console
 from rich.markup import escape
@@ -25,20 +24,6 @@ STYLES = {
     **{RUNNING: "cyan", WAITING: "dim", QUEUED_AGAIN: "magenta", HELD: "magenta"},
 }
 TO_COME = (RUNNING, WAITING, QUEUED_AGAIN, HELD)
-
-
-class SweepDisplay(Protocol):
-    """Shows a sweep while it goes on."""
-
-    def say(self, line: str) -> None:
-        """A line that stays."""
-        ...
-
-    def show(self, states: Sequence[JobState], note: str) -> None:
-        """The states now, and what is to be known besides."""
-        ...
-
-    def close(self) -> None: ...
 
 
 def progress_line(states: Sequence[JobState], pace: Pace, note: str = "") -> str:
@@ -71,10 +56,13 @@ class PlainSweepDisplay:
         self._shown: object = None
 
     def say(self, line: str) -> None:
+        """A line that stays."""
         print(line, flush=True)
 
     def show(self, states: Sequence[JobState], note: str) -> None:
+        """The states now, and what is to be known besides."""
         now = time.monotonic()
+        self.pace.note(states, now)
         seen = (counts(states), {state.reason for state in states}, note)
         if seen == self._shown and now - self._shown_at < self.interval_s:
             return
@@ -105,6 +93,7 @@ class LiveSweepDisplay:
         self.bar.console.print(escape(line), highlight=False, soft_wrap=True)
 
     def show(self, states: Sequence[JobState], note: str) -> None:
+        self.pace.note(states, time.monotonic())
         self.bar.update(
             self.task,
             completed=sum(state.done for state in states),
@@ -116,8 +105,12 @@ class LiveSweepDisplay:
         self.bar.stop()
 
 
-def make_sweep_display(name: str, pace: Pace) -> SweepDisplay:
-    """A live line on a terminal, plain lines elsewhere."""
+SweepDisplay = PlainSweepDisplay | LiveSweepDisplay
+
+
+def make_sweep_display(name: str, slots: int | None) -> SweepDisplay:
+    """A live line on a terminal, plain lines elsewhere; of a sweep with ``slots`` jobs at once."""
+    pace = Pace(slots)
     if sys.stdout.isatty():
         return LiveSweepDisplay(name, pace, Console())
     return PlainSweepDisplay(name, pace)

@@ -3,47 +3,25 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
-from tlr_exp.records.sweep_directory import CANCELLED, WAITING, SweepDirectory
+from tlr_exp.records.sweep_directory import CANCELLED, WAITING
 from tlr_exp.sweeps.display import SweepDisplay
-from tlr_exp.sweeps.launching import Launcher
-from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState, Pace, job_states
-from tlr_exp.sweeps.spec import RUN_LOG, Plan, log_path
-from tlr_exp.sweeps.stopping import Stopper
+from tlr_exp.sweeps.progress import HELD, QUEUED_AGAIN, JobState
+from tlr_exp.sweeps.session import Session
+from tlr_exp.sweeps.spec import RUN_LOG, log_path
 
 LOOK_S = 0.5
 
 
 class Monitor(threading.Thread):
-    """Shows states and events, and lets the sweep go where only a cluster's queue is waited for.
+    """Shows states and events, and lets the sweep go where only a cluster's queue is waited for."""
 
-    Attributes:
-        states: of all jobs at the last look.
-
-    Args:
-        elsewhere: gives the numbers of the jobs that other processes train.
-        launcher: what the jobs were given to.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        sweep: SweepDirectory,
-        stopper: Stopper,
-        display: SweepDisplay,
-        pace: Pace,
-        elsewhere: Callable[[], Collection[int]],
-        launcher: Launcher,
-    ) -> None:
+    def __init__(self, session: Session, display: SweepDisplay) -> None:
         super().__init__(daemon=True, name="monitor")
-        self.plan, self.sweep, self.stopper = plan, sweep, stopper
-        self.display, self.pace, self._elsewhere = display, pace, elsewhere
-        self._launcher = launcher
-        self.states: list[JobState] = []
+        self._session, self._display = session, display
         self._seen: dict[int, tuple[str, str]] = {}
         self._done = threading.Event()
         self._left = False
@@ -57,58 +35,56 @@ class Monitor(threading.Thread):
         self._done.set()
         self.join()
         self.look()
-        self.display.close()
+        self._display.close()
 
     def look(self) -> None:
         """Read, tell what is new, show the rest in one line."""
-        remarks = self._launcher.remarks
-        found = job_states(self.sweep, self.plan.jobs)
-        self.states = states = [state.with_remark(remarks.get(state.num)) for state in found]
+        states = self._session.states()
         for state in states:
             now = (state.status, state.reason)
             before = self._seen.get(state.num, (WAITING, "") if state.reason else now)
-            if before != now:
-                self._announce(state, before[0])
+            if before != now and (news := self._news(state, before[0])):
+                self._display.say(f"job {state.num} ({state.label}) {news}")
             self._seen[state.num] = now
-        self.pace.note(states, time.monotonic())
-        self.display.show(states, self._note(states))
+        self._display.show(states, self._note(states))
         self._leave_the_queue(states)
 
-    def _announce(self, state: JobState, before: str) -> None:
-        job = f"job {state.num} ({state.label})"
-        log = job_log(self.sweep.path, state)
-        if state.status == RUNNING and before != RUNNING:
-            self.display.say(f"{job} runs, log {log}")
-        elif state.status == FINISHED and before == RUNNING:
-            self.display.say(f"{job} has finished")
-        elif state.status == FAILED:
-            self.display.say(f"{job} FAILED: {state.error}\n    log {log}")
-        elif state.status == INTERRUPTED:
-            self.display.say(f"{job} was interrupted at iteration {state.done} of {state.total}")
-        elif state.status == CANCELLED:
-            self.display.say(f"{job} was cancelled at iteration {state.done} of {state.total}")
-        elif state.status in (QUEUED_AGAIN, HELD):
+    def _news(self, state: JobState, before: str) -> str:
+        """What is to be said of a job that has changed; "" for nothing."""
+        if state.status == RUNNING:
+            return "" if before == RUNNING else f"runs, log {self._log(state)}"
+        if state.status == FINISHED:
+            return "has finished" if before == RUNNING else ""
+        if state.status == FAILED:
+            return f"FAILED: {state.error}\n    log {self._log(state)}"
+        if state.status in (INTERRUPTED, CANCELLED):
+            return f"was {state.status} at iteration {state.done} of {state.total}"
+        if state.status in (QUEUED_AGAIN, HELD):
             why = f" ({state.reason})" if state.reason not in ("", "None") else ""
-            self.display.say(f"{job} is {state.status}{why}")
-        elif state.stuck:
-            self.display.say(f"{job} waits, and will not start by itself: {state.reason}")
+            return f"is {state.status}{why}"
+        return f"waits, and will not start by itself: {state.reason}" if state.stuck else ""
+
+    def _log(self, state: JobState) -> Path:
+        return job_log(self._session.sweep.path, state)
 
     def _note(self, states: Sequence[JobState]) -> str:
-        if self.stopper.stopping and any(state.status == RUNNING for state in states):
+        stopper = self._session.stopper
+        if stopper.stopping and any(state.status == RUNNING for state in states):
             # The first only asks for what a stop file has asked for already.
-            how = "again" if self.stopper.interrupts else "twice"
+            how = "again" if stopper.interrupts else "twice"
             return f"stopping after this iteration; Ctrl-C {how} kills"
-        elsewhere = self._elsewhere()
+        elsewhere = self._session.elsewhere
         return f"{len(elsewhere)} trained by others" if elsewhere else ""
 
     def _leave_the_queue(self, states: Sequence[JobState]) -> None:
         """Jobs in the queue of a cluster look for the stop when they start: nobody need wait."""
-        detached = self.plan.parallelism.detached and not self._launcher.leaves_by_itself
-        if not (detached and self.stopper.stopping) or self._left or self._done.is_set():
+        stopper = self._session.stopper
+        if self._session.launcher.leaves_by_itself or not stopper.stopping:
             return
-        if not any(state.status == RUNNING for state in states):
-            self._left = True
-            self.stopper.leave()
+        if self._left or self._done.is_set() or any(s.status == RUNNING for s in states):
+            return
+        self._left = True
+        stopper.leave()
 
 
 def job_log(sweep: Path, state: JobState) -> Path:

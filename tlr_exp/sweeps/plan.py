@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from hydra import compose
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
@@ -24,11 +22,13 @@ from tlr_exp.config.load import (
     plain_config,
     with_absolute_paths,
 )
+from tlr_exp.config.overrides import split_overrides
 from tlr_exp.config.settings import Settings
+from tlr_exp.errors import UserError
 from tlr_exp.machine.cores import available_cores
 from tlr_exp.records.runs import config_hash
 from tlr_exp.sweeps.parallel import parallelism
-from tlr_exp.sweeps.spec import JobSpec, Plan, PlannedJob, with_threads
+from tlr_exp.sweeps.spec import JobSpec, Plan, with_threads
 from tlr_exp.training.resuming import is_run
 from tlr_exp.training.run import check_beginning, check_lower_layer, check_world, tracking_uri
 
@@ -48,9 +48,7 @@ def make_plan(config: DictConfig) -> Plan:
         ConfigError: names for every mistake the jobs that have it.
     """
     hydra = config.hydra
-    if str(hydra.sweeper.get("_target_")).rpartition(".")[2] != "BasicSweeper":
-        raise ConfigError("hydra/sweeper: only basic knows its jobs before they are started")
-    choices = split_overrides(_task_overrides(hydra))
+    choices = _choices(hydra)
     everything = [tuple(combination) for combination in itertools.product(*choices.values())]
     launcher = OmegaConf.to_container(hydra.launcher, resolve=True)
     how = parallelism(launcher, len(everything), available_cores())  # type: ignore[arg-type]
@@ -58,10 +56,11 @@ def make_plan(config: DictConfig) -> Plan:
     labels = [_label(overrides, differing) for overrides in everything]
     composed = _compose_all(hydra, everything, labels)
     shared = _check_all(composed, labels, check_device=not how.detached)
-    jobs = tuple(
-        _job(num, everything[num], labels[num], composed[num], how.threads)
-        for num in range(len(everything))
+    specs = (
+        JobSpec(num, plain, method, everything[num], labels[num], run_identity(plain))
+        for num, (plain, _, method) in enumerate(composed)
     )
+    jobs = tuple(with_threads(spec, how.threads) for spec in specs)
     _refuse_duplicates(jobs)
     identities = [job.identity for job in jobs]
     return Plan(
@@ -75,40 +74,16 @@ def make_plan(config: DictConfig) -> Plan:
         jobs=jobs,
         parallelism=how,
         uri=tracking_uri(shared),
-        go_on=shared.resume != "never",
     )
 
 
-def split_overrides(overrides: Sequence[str]) -> dict[str, list[str]]:
-    """For each key the overrides that its jobs have, one per value; of a key given twice the last.
-
-    Lists (``a=1,2``), ranges, choices and globs are sweeps.
-
-    Raises:
-        ConfigError: an override that is none, or one without single values, such as an interval.
-    """
-    loader = GlobalHydra.instance().config_loader()
-    try:
-        parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
-    except HydraException as error:
-        raise ConfigError(str(error)) from error
-    choices: dict[str, list[str]] = {}
-    for override in parsed:
-        key = override.get_key_element()
-        if not override.is_sweep_override():
-            choices[key] = [str(override.input_line)]
-        elif override.is_discrete_sweep():
-            choices[key] = [f"{key}={value}" for value in override.sweep_string_iterator()]
-        else:
-            raise ConfigError(f"{override.input_line}: a sweep needs single values")
-        if not choices[key]:
-            raise ConfigError(f"{override.input_line}: there is nothing that it could mean")
-    return choices
-
-
-def _task_overrides(hydra: DictConfig) -> list[str]:
+def _choices(hydra: DictConfig) -> dict[str, list[str]]:
+    """For each key the overrides that its jobs have, those of a preset before the command's."""
     preset = [f"{key}={value}" for key, value in (hydra.sweeper.params or {}).items()]
-    return [*preset, *(str(override) for override in hydra.overrides.task)]
+    try:
+        return split_overrides([*preset, *(str(override) for override in hydra.overrides.task)])
+    except UserError as error:
+        raise ConfigError(str(error)) from error
 
 
 def _label(overrides: Sequence[str], differing: Sequence[str]) -> str:
@@ -181,29 +156,8 @@ def _mistake(
     return checked[key]
 
 
-def _job(
-    num: int, overrides: tuple[str, ...], label: str, composed: Composed, threads: int
-) -> PlannedJob:
-    """The job on its share of the cores, where the configuration leaves the number open (0)."""
-    plain, settings, method = composed
-    spec = JobSpec(
-        config=plain,
-        method=method,
-        threads=plain["num_threads"],
-        go_on=settings.resume != "never",
-    )
-    return PlannedJob(
-        num=num,
-        overrides=overrides,
-        label=label,
-        identity=run_identity(plain),
-        iterations=settings.scale.iterations,
-        spec=with_threads(spec, threads),
-    )
-
-
-def _refuse_duplicates(jobs: Sequence[PlannedJob]) -> None:
-    seen: dict[str, PlannedJob] = {}
+def _refuse_duplicates(jobs: Sequence[JobSpec]) -> None:
+    seen: dict[str, JobSpec] = {}
     for job in jobs:
         other = seen.setdefault(job.identity, job)
         if other is not job:

@@ -7,14 +7,14 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from tlr_exp.records.directory import FINISHED, INTERRUPTED, RUNNING
 from tlr_exp.records.run_directory import METRICS
 from tlr_exp.records.storage import while_unchanged
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory, SweepDirectoryError
-from tlr_exp.sweeps.spec import PlannedJob
+from tlr_exp.sweeps.spec import JobSpec
 
 _TAIL_BYTES = 1 << 16  # longer than any line of metrics
 
@@ -39,7 +39,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class JobState:
-    """One job now: its record, how many of its iterations are done, what the queue says of it."""
+    """One job as it is shown: by its record, how far its run is, and what the queue says of it."""
 
     num: int
     label: str
@@ -51,36 +51,37 @@ class JobState:
     reason: str = ""
     stuck: bool = False
 
-    def with_remark(self, remark: Remark | None) -> JobState:
-        """As the queue has it, where it still waits."""
-        # The job of a lost node may yet write that it was interrupted.
-        if remark is None or self.status not in (WAITING, INTERRUPTED):
-            return self
-        return replace(self, status=remark.status, reason=remark.reason, stuck=remark.stuck)
+
+def job_states(
+    sweep: SweepDirectory, jobs: Sequence[JobSpec], remarks: Mapping[int, Remark] | None = None
+) -> list[JobState]:
+    """Each job as it stands on disk and, by the `remarks` on some of them, in the queue."""
+    return [_state(sweep, job, (remarks or {}).get(job.num)) for job in jobs]
 
 
-def job_states(sweep: SweepDirectory, jobs: Sequence[PlannedJob]) -> list[JobState]:
-    """The state of each planned job, as it stands on disk."""
-    return [_state(sweep, job) for job in jobs]
-
-
-def _state(sweep: SweepDirectory, job: PlannedJob) -> JobState:
-    try:
+def _state(sweep: SweepDirectory, job: JobSpec, remark: Remark | None) -> JobState:
+    run, status, error, done = None, WAITING, None, 0
+    with suppress(SweepDirectoryError):  # not written yet
         record = sweep.job(job.num)
-    except SweepDirectoryError:  # not written yet
-        return JobState(job.num, job.label, WAITING, None, None, 0, job.iterations)
-    run = None if record.run is None else sweep.study_folder / record.run
-    done = 0 if run is None else last_iteration(run / METRICS)
-    if record.status == FINISHED:
+        run = None if record.run is None else sweep.study_folder / record.run
+        status, error = record.status, record.error
+    if status == FINISHED:
         done = job.iterations
+    elif run is not None:
+        done = min(last_iteration(run / METRICS), job.iterations)
+    # The job of a lost node may yet write that it was interrupted.
+    if remark is None or status not in (WAITING, INTERRUPTED):
+        remark = Remark(status)
     return JobState(
         num=job.num,
         label=job.label,
-        status=record.status,
+        status=remark.status,
         run=run,
-        error=record.error,
-        done=min(done, job.iterations),
+        error=error,
+        done=done,
         total=job.iterations,
+        reason=remark.reason,
+        stuck=remark.stuck,
     )
 
 

@@ -9,18 +9,20 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tlr_exp.records.directory import RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.progress import QUEUED_AGAIN, Remark
-from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, PlannedJob
+from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, JobSpec
 from tlr_exp.sweeps.stopping import Stopper
 from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, JOB_VARIABLE, JobTask, conclude
 
@@ -35,8 +37,8 @@ INSTALL = (
 )
 
 
-class RayLauncher:
-    """One attempt at a sweep on Ray (see tlr_exp.sweeps.launching).
+class RayLauncher(Launcher):
+    """One attempt at a sweep on Ray; its jobs end with it, so that none is ever `held`.
 
     Args:
         launcher: the configuration node hydra.launcher.
@@ -46,9 +48,8 @@ class RayLauncher:
         LauncherError: Ray is not installed.
     """
 
-    leaves_by_itself = True
-
     def __init__(self, launcher: Mapping[str, Any], sweep: Path) -> None:
+        super().__init__()
         if find_spec("ray") is None:
             raise LauncherError(INSTALL)
         settings = launcher.get("ray") or {}
@@ -57,19 +58,8 @@ class RayLauncher:
         self._sweep = SweepDirectory(sweep)
         self._task = JobTask(str(sweep), os.getpid(), CLUSTER_PATIENCE_S)
         self._losses: dict[int, int] = {}
-        self.remarks: dict[int, Remark] = {}
 
-    def held(self) -> Collection[int]:
-        """None: jobs on Ray end with their sweep."""
-        return ()
-
-    def left_in_the_queue(self) -> str:
-        """Nothing: see `held`."""
-        return ""
-
-    def launch(
-        self, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
-    ) -> None:
+    def launch(self, jobs: Sequence[JobSpec], stopper: Stopper, say: Callable[[str], None]) -> None:
         """Run jobs, and wait until all have ended; see `Launcher`."""
         ray = import_module("ray")  # slow, and not there by default
         with _quiet(self._sweep.path / LAUNCHER_FOLDER / LOG):
@@ -84,7 +74,7 @@ class RayLauncher:
                 ray.shutdown()
 
     def _work_off(
-        self, ray: Any, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
+        self, ray: Any, jobs: Sequence[JobSpec], stopper: Stopper, say: Callable[[str], None]
     ) -> None:
         start = ray.remote(**self._remote)(run_task).remote
         going = {start(self._task, job.num): job for job in jobs}
@@ -102,7 +92,7 @@ class RayLauncher:
                         ray.cancel(ref)  # what no node can take would never find out
 
     def _was_lost(
-        self, ray: Any, ref: Any, job: PlannedJob, stopper: Stopper, say: Callable[[str], None]
+        self, ray: Any, ref: Any, job: JobSpec, stopper: Stopper, say: Callable[[str], None]
     ) -> bool:
         """Whether a job that Ray has done with is to be started again, on another node."""
         try:
@@ -139,11 +129,6 @@ class RayLauncher:
             elif before is not None and before.stuck:
                 self._note(num, None)
 
-    def _note(self, num: int, remark: Remark | None) -> None:
-        """In a new mapping, because another thread reads the one that is there."""
-        rest = {other: said for other, said in self.remarks.items() if other != num}
-        self.remarks = rest if remark is None else {**rest, num: remark}
-
 
 def run_task(task: JobTask, num: int) -> None:
     """In a worker of Ray: the job, in a process of its own."""
@@ -163,20 +148,35 @@ def _own_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _quiet(log: Path) -> Iterator[None]:
-    """Let what is written to stderr meanwhile, by Ray's threads and processes, go to a file."""
-    log.parent.mkdir(exist_ok=True)
+def _quiet(path: Path) -> Iterator[None]:
+    """Let what Ray says meanwhile go to a file: all of stderr, and what its threads print."""
+    path.parent.mkdir(exist_ok=True)
     sys.stderr.flush()
-    kept = os.dup(2)
-    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    os.dup2(file, 2)
-    os.close(file)
-    try:
-        yield
-    finally:
-        sys.stderr.flush()
-        os.dup2(kept, 2)
-        os.close(kept)
+    before, kept = sys.stdout, os.dup(2)
+    with open(path, "a", buffering=1, encoding="utf-8") as log:
+        os.dup2(log.fileno(), 2)
+        sys.stdout = _WithoutRay(before, log)  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            sys.stdout = before
+            sys.stderr.flush()
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+class _WithoutRay:
+    """A stream like ``stdout``; what threads of Ray write into it goes to ``log``."""
+
+    def __init__(self, stdout: TextIO, log: TextIO) -> None:
+        self._stdout, self._log = stdout, log
+
+    def write(self, text: str) -> int:
+        is_ray = threading.current_thread().name.startswith("ray_")
+        return (self._log if is_ray else self._stdout).write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stdout, name)
 
 
 def _first_line(error: BaseException) -> str:

@@ -11,7 +11,8 @@ from tlr_exp.records.runs import latest_runs
 from tlr_exp.records.sweep_directory import CANCELLED, WAITING, SweepDirectory
 from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.parallel import LauncherError, RefusedError
-from tlr_exp.sweeps.spec import Plan, PlannedJob, write_spec
+from tlr_exp.sweeps.progress import JobState, job_states
+from tlr_exp.sweeps.spec import JobSpec, Plan, write_spec
 from tlr_exp.sweeps.stopping import Left, Stopper
 
 ENDED = (FINISHED, FAILED, INTERRUPTED, CANCELLED)
@@ -23,8 +24,12 @@ SETTLE_S = 120.0  # how long a job whose launcher broke down may take for its la
 class Session:
     """Works off a plan in its sweep directory, which the caller holds locked.
 
-    Args:
+    Attributes:
         launcher: runs jobs and returns when they have ended.
+        elsewhere: the numbers of the jobs that other processes train.
+        launcher_error: what the launcher broke down with, if it did.
+
+    Args:
         say: shows a line to the person.
     """
 
@@ -36,8 +41,8 @@ class Session:
         stopper: Stopper,
         say: Callable[[str], None],
     ) -> None:
-        self.plan, self.sweep, self.stopper = plan, sweep, stopper
-        self._launcher, self._say = launcher, say
+        self.plan, self.sweep = plan, sweep
+        self.launcher, self.stopper, self._say = launcher, stopper, say
         self._starts = dict.fromkeys((job.num for job in plan.jobs), 0)
         self._told: set[int] = set()
         self.elsewhere: set[int] = set()
@@ -46,9 +51,13 @@ class Session:
     def prepare(self) -> None:
         """Write what each job needs, and mark those that wait; before anything is started."""
         for job in self.plan.jobs:
-            write_spec(self.sweep.path, job.num, job.spec)
+            write_spec(self.sweep.path, job)
             if not self.sweep.job_path(job.num).exists():
                 self.sweep.write_job(job.num, WAITING, overrides=job.overrides)
+
+    def states(self) -> list[JobState]:
+        """Of all jobs, as they stand on disk and in the queue now."""
+        return job_states(self.sweep, self.plan.jobs, self.launcher.remarks)
 
     def is_finished(self) -> bool:
         """Whether an earlier attempt finished the sweep, and all of its runs are still there."""
@@ -69,7 +78,7 @@ class Session:
             while waiting and not self.stopper.stopping:
                 ready = self._take_stock(waiting)
                 if ready:
-                    self._launcher.launch(ready, self.stopper, self._say)
+                    self.launcher.launch(ready, self.stopper, self._say)
                 elif self.elsewhere:
                     time.sleep(LOOK_AGAIN_S)
                 waiting = [job for job in waiting if not self._has_ended(job)]
@@ -81,13 +90,13 @@ class Session:
             return
         self._settle()
 
-    def _take_stock(self, waiting: Sequence[PlannedJob]) -> list[PlannedJob]:
+    def _take_stock(self, waiting: Sequence[JobSpec]) -> list[JobSpec]:
         """Of the waiting jobs those to be started; the finished and those of others are noted."""
         runs: dict[str, RunDirectory] = {}
         if self.plan.go_on:
             runs = latest_runs(self.plan.study_folder, prefer_finished=True)
-        held = self._launcher.held()
-        ready: list[PlannedJob] = []
+        held = self.launcher.held()
+        ready: list[JobSpec] = []
         self.elsewhere = set()
         for job in waiting:
             run = runs.get(job.identity)
@@ -104,7 +113,7 @@ class Session:
                 ready.append(job)
         return ready
 
-    def _has_ended(self, job: PlannedJob) -> bool:
+    def _has_ended(self, job: JobSpec) -> bool:
         """Whether the job needs no more starts; one that never says anything has failed."""
         if job.num in self.elsewhere:
             return False
@@ -132,13 +141,13 @@ class Session:
             if not run.is_live() and self.sweep.job(job.num).status == RUNNING:
                 self.sweep.write_job(job.num, FAILED, error="it and its launcher were killed")
 
-    def _write(self, job: PlannedJob, status: str, run: RunDirectory | None) -> None:
+    def _write(self, job: JobSpec, status: str, run: RunDirectory | None) -> None:
         name = run_id = None
         if run is not None:
             name, run_id = run.path.name, run.manifest["run_id"]
         self.sweep.write_job(job.num, status, overrides=job.overrides, run=name, run_id=run_id)
 
-    def _tell(self, job: PlannedJob, line: str) -> None:
+    def _tell(self, job: JobSpec, line: str) -> None:
         if job.num not in self._told:
             self._told.add(job.num)
             self._say(line)

@@ -1,4 +1,4 @@
-"""What a sweep is to do: its jobs, and what each is given as a file beside its record."""
+"""What a sweep is to do: its jobs, each kept as a file beside its record, from which it starts."""
 
 from __future__ import annotations
 
@@ -9,41 +9,49 @@ from typing import Any
 
 import yaml
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.storage import atomic_write
-from tlr_exp.records.sweep_directory import JOBS
+from tlr_exp.records.sweep_directory import JOBS, SWEEPS
 from tlr_exp.sweeps.parallel import Parallelism
 
 LAUNCHER_FOLDER = "launcher"  # in the sweep directory: what launchers leave behind
 RUN_LOG = "train.log"  # in the run directory: what the training of a job printed
 
+_KEPT = ("method", "config", "overrides", "label", "identity")
+
 
 @dataclass(frozen=True)
 class JobSpec:
-    """One job, whole.
+    """What one job is asked to do.
 
     Attributes:
         config: the resolved configuration as plain data, with absolute paths.
         method: the chosen optimizer, for the name of the run.
-        threads: of the job; 0 = all cores that it is given.
-        go_on: whether it goes on with the run of this configuration that is there.
+        overrides: those that make it what it is.
+        label: what tells it from the other jobs.
+        identity: of its run.
     """
 
+    num: int
     config: Mapping[str, Any]
     method: str
-    threads: int
-    go_on: bool
+    overrides: tuple[str, ...] = ()
+    label: str = ""
+    identity: str = ""
 
+    @property
+    def threads(self) -> int:
+        """Of the job; 0 = all cores that it is given."""
+        return self.config["num_threads"]
 
-@dataclass(frozen=True)
-class PlannedJob:
-    """One job: its number, the overrides that make it, what tells it from the others."""
+    @property
+    def go_on(self) -> bool:
+        """Whether it goes on with the run of this configuration that is there."""
+        return self.config["resume"] != "never"
 
-    num: int
-    overrides: tuple[str, ...]
-    label: str
-    identity: str
-    iterations: int
-    spec: JobSpec
+    @property
+    def iterations(self) -> int:
+        return self.config["scale"]["iterations"]
 
 
 @dataclass(frozen=True)
@@ -63,10 +71,19 @@ class Plan:
     description: str
     arms: tuple[str, ...]
     scale: str
-    jobs: tuple[PlannedJob, ...]
+    jobs: tuple[JobSpec, ...]
     parallelism: Parallelism
     uri: str | None
-    go_on: bool
+
+    @property
+    def path(self) -> Path:
+        """Of the sweep directory."""
+        return self.study_folder / SWEEPS / f"{self.name}-{self.sweep_id}"
+
+    @property
+    def go_on(self) -> bool:
+        """Whether the runs that are there are gone on with; the same for all jobs."""
+        return self.jobs[0].go_on
 
 
 def with_threads(spec: JobSpec, threads: int) -> JobSpec:
@@ -77,13 +94,7 @@ def with_threads(spec: JobSpec, threads: int) -> JobSpec:
     if physics.get("num_threads") == 0:
         physics["num_threads"] = threads
     own = spec.config["num_threads"] or threads
-    config = {**spec.config, "physics": physics, "num_threads": own}
-    return replace(spec, config=config, threads=own)
-
-
-def spec_path(sweep: Path, num: int) -> Path:
-    """Where the specification of job ``num`` of the sweep directory lies."""
-    return sweep / JOBS / f"{num}.yaml"
+    return replace(spec, config={**spec.config, "physics": physics, "num_threads": own})
 
 
 def log_path(sweep: Path, num: int) -> Path:
@@ -91,30 +102,28 @@ def log_path(sweep: Path, num: int) -> Path:
     return sweep / JOBS / f"{num}.log"
 
 
-def write_spec(sweep: Path, num: int, spec: JobSpec) -> None:
+def write_spec(sweep: Path, spec: JobSpec) -> None:
     """Keep the specification for the process of the job.
 
     Raises:
         StorageError: the file cannot be written.
     """
-    content = {
-        "method": spec.method,
-        "threads": spec.threads,
-        "go_on": spec.go_on,
-        "config": dict(spec.config),
-    }
+    content = {name: getattr(spec, name) for name in _KEPT}
+    content |= {"config": dict(spec.config), "overrides": list(spec.overrides)}
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    atomic_write(spec_path(sweep, num), text.encode())
+    atomic_write(sweep / JOBS / f"{spec.num}.yaml", text.encode())
 
 
 def read_spec(sweep: Path, num: int) -> JobSpec:
-    """The specification of job ``num``.
+    """The specification of job ``num``; earlier versions kept no more than a job needs to start.
 
     Raises:
-        ValueError: it is missing or damaged; names the file.
+        UserError: it is missing or damaged; names the file.
     """
-    path = spec_path(sweep, num)
+    path = sweep / JOBS / f"{num}.yaml"
     try:
-        return JobSpec(**yaml.safe_load(path.read_text(encoding="utf-8")))
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        kept = {name: content[name] for name in _KEPT if name in content}
+        return JobSpec(num, **{**kept, "overrides": tuple(kept.get("overrides", ()))})
     except (OSError, TypeError, yaml.YAMLError) as error:
-        raise ValueError(f"cannot read the specification of a job, {path}: {error}") from error
+        raise UserError(f"cannot read the specification of a job, {path}: {error}") from error

@@ -7,6 +7,7 @@ import re
 import subprocess
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from shutil import which
 
 from tlr_exp.sweeps.parallel import LauncherError, RefusedError
 from tlr_exp.sweeps.slurm.settings import Needs
@@ -19,7 +20,7 @@ _PASSING = re.compile(
     r"|communication|busy",
     re.IGNORECASE,
 )
-_WIDTHS = {"JobArrayID": 40, "State": 24, "RestartCnt": 12, "Comment": 120, "Reason": 200}
+_WIDTHS = {"JobArrayID": 40, "State": 24, "RestartCnt": 12, "Comment": 250, "Reason": 200}
 _DEFAULT_ARRAY_SIZE = 1001  # SLURM's own
 
 PENDING, COMPLETED, CANCELLED = "PENDING", "COMPLETED", "CANCELLED"
@@ -53,11 +54,13 @@ class Element:
         state: SLURM's word for it, such as PENDING.
         reason: SLURM's word for why it waits, "" for none.
         restarts: how often it was queued again.
+        num: the job that it is, by its comment; None where that does not say it.
     """
 
     state: str
     reason: str = ""
     restarts: int = 0
+    num: int | None = None
 
     @property
     def is_pending(self) -> bool:
@@ -73,21 +76,39 @@ class Element:
         return self.is_pending and self.reason not in _USUAL and not _LIMIT.match(self.reason)
 
 
+def require_slurm() -> None:
+    """
+    Raises:
+        LauncherError: there is no SLURM here.
+    """
+    if which("sbatch") is None:
+        raise LauncherError(
+            "hydra/launcher=slurm: there is no sbatch here. It is for a machine from which one "
+            "submits to a SLURM cluster; hydra/launcher=local works on this one"
+        )
+
+
+def comment_of(sweep: str, base: int) -> str:
+    """What every element of an array says of itself: its sweep, and the job of index 0."""
+    return f"{sweep} from {base}"
+
+
 def submit(script: str, options: Sequence[str]) -> str:
     """The id of the array that ``sbatch`` makes of the batch script file.
 
     Raises:
         RefusedError: SLURM does not take it; says why.
-        UnreachableError: the controller does not answer.
+        UnreachableError: the controller does not answer; the array may have been made.
     """
     answer = _ask(["sbatch", "--parsable", *options, script])
     return answer.strip().splitlines()[-1].partition(";")[0]
 
 
-def queue(comment: str) -> dict[str, Element]:
-    """The elements with this comment that the controller remembers, by id (``4711_3``).
+def queue(sweep: str) -> dict[str, Element]:
+    """The elements of a sweep that the controller remembers, by id (``4711_3``).
 
-    It forgets those that have ended after some minutes.
+    They are known by their comment, which `sweep` begins; earlier versions had no more in it. The
+    controller forgets those that have ended after some minutes.
 
     Raises:
         UnreachableError: the controller does not answer.
@@ -104,11 +125,12 @@ def queue(comment: str) -> dict[str, Element]:
         for name, width in _WIDTHS.items():
             cells[name] = line[start : start + width].strip()
             start += width
-        if cells["Comment"] == comment[: _WIDTHS["Comment"]]:
+        if cells["Comment"].startswith(sweep[: _WIDTHS["Comment"]]):
             # Held jobs have their reason in brackets in some versions.
             reason = cells["Reason"].strip("()")
             restarts = int(cells["RestartCnt"] or 0)
-            found[cells["JobArrayID"]] = Element(_state(cells["State"]), reason, restarts)
+            num = _num(cells["JobArrayID"], cells["Comment"].removeprefix(sweep))
+            found[cells["JobArrayID"]] = Element(_state(cells["State"]), reason, restarts, num)
     return found
 
 
@@ -127,6 +149,12 @@ def accounted(ids: Iterable[str]) -> dict[str, Element]:
     rows = (line.split("|") for line in text.splitlines() if "|" in line)
     found = {row[0]: Element(_state(row[1])) for row in rows if row[0] in wanted}
     return {element: said for element, said in found.items() if said.has_ended}
+
+
+def _num(element: str, comment_end: str) -> int | None:
+    """The job that an element is: its index, after the job of index 0, as `comment_of` ends."""
+    index, base = element.rpartition("_")[2], comment_end.rpartition(" from ")[2]
+    return int(index) + int(base) if index.isdecimal() and base.isdecimal() else None
 
 
 def _state(text: str) -> str:
@@ -196,10 +224,7 @@ def _ask(command: Sequence[str]) -> str:
             timeout=ANSWER_S,
         )
     except FileNotFoundError:
-        raise RefusedError(
-            f"hydra/launcher=slurm: there is no {name} here. It is for a machine from which one "
-            "submits to a SLURM cluster; hydra/launcher=local works on this one"
-        ) from None
+        raise UnreachableError(f"SLURM: there is no {name} here") from None
     except subprocess.TimeoutExpired:
         raise UnreachableError(f"SLURM: {name} gave no answer for {ANSWER_S:g} s") from None
     if done.returncode == 0:

@@ -5,22 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
+from tlr_exp.sweeps.launching import Launcher
 from tlr_exp.sweeps.parallel import RefusedError
-from tlr_exp.sweeps.progress import Remark
 from tlr_exp.sweeps.slurm.commands import (
     Element,
     UnreachableError,
     accounted,
     array_size,
+    comment_of,
     largest_node,
     queue,
     rename,
+    require_slurm,
     submit,
 )
 from tlr_exp.sweeps.slurm.elements import (
@@ -31,9 +32,9 @@ from tlr_exp.sweeps.slurm.elements import (
     write_elements,
 )
 from tlr_exp.sweeps.slurm.settings import Needs, SlurmSettings, needs
-from tlr_exp.sweeps.slurm.submission import options, write_script
+from tlr_exp.sweeps.slurm.submission import options, was_submitted, write_script
 from tlr_exp.sweeps.slurm.verdict import KEEP, Facts, in_the_queue, verdict
-from tlr_exp.sweeps.spec import Plan, PlannedJob
+from tlr_exp.sweeps.spec import JobSpec, Plan
 from tlr_exp.sweeps.stopping import Left, Stopper
 
 TICK_S = 0.5
@@ -43,7 +44,7 @@ ASK_S, ASK_AT_MOST_S, ASK_SLOWER = 2.0, 20.0, 1.2
 ABSENT_LOOKS = 3
 
 
-class SlurmLauncher:
+class SlurmLauncher(Launcher):
     """One attempt at a sweep on SLURM (see tlr_exp.sweeps.launching).
 
     Attributes:
@@ -51,24 +52,22 @@ class SlurmLauncher:
 
     Args:
         launcher: the configuration node hydra.launcher.
-        sweep: the sweep directory.
 
     Raises:
-        LauncherError: the settings of the launcher cannot be.
+        LauncherError: there is no SLURM here, or the settings of the launcher cannot be.
     """
 
-    leaves_by_itself = True
-
-    def __init__(self, launcher: Mapping[str, Any], plan: Plan, sweep: Path) -> None:
+    def __init__(self, launcher: Mapping[str, Any], plan: Plan) -> None:
+        super().__init__()
+        require_slurm()
         self.settings = SlurmSettings.read(launcher)
-        self.plan, self.sweep = plan, SweepDirectory(sweep)
+        self.plan, self.sweep = plan, SweepDirectory(plan.path)
         # Asked for a node that is too small SLURM lets a job wait for ever.
         node = largest_node(self.settings.partition)
-        self.needs: Needs = needs(self.settings, [job.spec.config for job in plan.jobs], node)
+        self.needs: Needs = needs(self.settings, [job.config for job in plan.jobs], node)
         # In ASCII: squeue cuts its columns by bytes.
-        comment = f"tlr_exp {plan.study} {plan.name}-{plan.sweep_id}"
+        comment = f"tlr_exp {plan.study} {plan.path.name}"
         self.comment = comment.encode("ascii", "replace").decode()
-        self.remarks: dict[int, Remark] = {}
         self._queue: dict[str, Element] = {}
         self._absent: dict[int, int] = {}
 
@@ -78,21 +77,32 @@ class SlurmLauncher:
         Raises:
             UnreachableError: the controller does not answer; then nothing may be submitted.
         """
-        elements = read_elements(self.sweep.path)
-        if not elements:
+        if not was_submitted(self.sweep.path):
             return set()
         self._queue = queue(self.comment)
-        found = {num: self._queue.get(element) for num, element in elements.items()}
-        return {num for num, element in found.items() if element and not element.has_ended}
+        elements = read_elements(self.sweep.path)
+        held = {num for num, element in elements.items() if self._waits_or_runs(element)}
+        # Of an array whose sbatch gave no answer in time nobody has written down the id.
+        unknown = {
+            each.num: element
+            for element, each in self._queue.items()
+            if each.num is not None and each.num not in held and self._waits_or_runs(element)
+        }
+        if unknown:
+            write_elements(self.sweep.path, elements | unknown)
+        return held | set(unknown)
+
+    def _waits_or_runs(self, element: str) -> bool:
+        return element in self._queue and not self._queue[element].has_ended
 
     def left_in_the_queue(self) -> str:
         """Of this sweep, at the last look."""
         elements = read_elements(self.sweep.path).values()
-        waiting = [one for one in elements if one in self._queue and not self._queue[one].has_ended]
+        waiting = [element for element in elements if self._waits_or_runs(element)]
         return how_to_cancel(waiting) if waiting else ""
 
     # --- submitting --------------------------------------------------------------------------
-    def submit(self, jobs: Sequence[PlannedJob]) -> None:
+    def submit(self, jobs: Sequence[JobSpec]) -> None:
         """Put jobs into the queue, and write down which element is which.
 
         Raises:
@@ -103,7 +113,8 @@ class SlurmLauncher:
         for base, nums in arrays(labels, array_size()).items():
             script = write_script(self.sweep.path, base, self.settings)
             indices = [num - base for num in nums]
-            asked = options(self.sweep.path, self.comment, self.settings, self.needs, indices)
+            comment = comment_of(self.comment, base)
+            asked = options(self.sweep.path, comment, self.settings, self.needs, indices)
             array = self._submit_one(str(script), asked)
             elements |= {num: f"{array}_{num - base}" for num in nums}
             write_elements(self.sweep.path, elements)
@@ -114,15 +125,18 @@ class SlurmLauncher:
     def _submit_one(self, script: str, asked: Sequence[str]) -> str:
         try:
             return submit(script, asked)
+        except UnreachableError as error:
+            raise UnreachableError(
+                f"{error}\nWhether the jobs were submitted is not known: the same command looks "
+                "for them in the queue before it submits any"
+            ) from error
         except RefusedError as error:
             with suppress(UnreachableError):
                 self.held()  # of what was taken before
             raise RefusedError(f"{error}\n{self.left_in_the_queue()}".strip()) from error
 
     # --- waiting -----------------------------------------------------------------------------
-    def launch(
-        self, jobs: Sequence[PlannedJob], stopper: Stopper, say: Callable[[str], None]
-    ) -> None:
+    def launch(self, jobs: Sequence[JobSpec], stopper: Stopper, say: Callable[[str], None]) -> None:
         """Submit those of the jobs that the queue lacks, and wait until each of them has ended.
 
         Raises:
@@ -176,11 +190,6 @@ class SlurmLauncher:
                 self._note(num, None)
         return ended
 
-    def _note(self, num: int, remark: Remark | None) -> None:
-        """In a new mapping, because another thread reads the one that is there."""
-        rest = {other: said for other, said in self.remarks.items() if other != num}
-        self.remarks = rest if remark is None else {**rest, num: remark}
-
     def _facts(self, num: int, element: Element | None) -> Facts:
         record = self.sweep.job(num)
         if record.run is None:
@@ -200,8 +209,8 @@ class SlurmLauncher:
 
     def _any_runs(self, waiting: Collection[int]) -> bool:
         elements = read_elements(self.sweep.path)
-        states = [self._queue.get(elements[num]) for num in waiting]
-        return any(each and not each.has_ended and not each.is_pending for each in states)
+        there = [elements[num] for num in waiting if self._waits_or_runs(elements[num])]
+        return not all(self._queue[element].is_pending for element in there)
 
     def _rest(self, pause_s: float, stopper: Stopper, waiting: Collection[int]) -> None:
         """Until it is time to ask again, or something happened that changes the answer."""

@@ -14,6 +14,7 @@ from tlr_exp.sweeps.spec import LAUNCHER_FOLDER
 
 # In the sweep directory: what SLURM, the script and the process that watches over the job print.
 LOG = "%A_%a.log"
+SCRIPT = "from-{}.sh"
 
 
 def write_script(sweep: Path, base: int, settings: SlurmSettings) -> Path:
@@ -29,10 +30,15 @@ def write_script(sweep: Path, base: int, settings: SlurmSettings) -> Path:
     limits = ["--timeouts", str(settings.max_num_timeout), "--delay", str(settings.signal_delay_s)]
     words = shlex.join([*command, *limits, "--limit", str(settings.timeout_min)])
     lines = ["#!/bin/bash", *(settings.setup or []), f"exec {words} --base {base}"]
-    path = sweep / LAUNCHER_FOLDER / f"from-{base}.sh"
+    path = sweep / LAUNCHER_FOLDER / SCRIPT.format(base)
     path.parent.mkdir(exist_ok=True)
     atomic_write(path, ("\n".join(lines) + "\n").encode())
     return path
+
+
+def was_submitted(sweep: Path) -> bool:
+    """Whether anything of the sweep was ever handed to sbatch, whatever came of it."""
+    return any((sweep / LAUNCHER_FOLDER).glob(SCRIPT.format("*")))
 
 
 def options(
