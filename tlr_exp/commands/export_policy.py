@@ -7,8 +7,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from tlr_exp.commands.arguments import add_force
 from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
-from tlr_exp.records.outputs import add_force
 
 __all__ = ["main"]
 
@@ -19,57 +19,53 @@ def main(arguments: list[str] | None = None) -> int:
     refuse_without_docstrings("tlr-export-policy")
     options = _parser().parse_args(arguments)
     try:
-        _export(options)
+        _export(options.run, options.checkpoint, options.output, options.force)
     except (ValueError, OSError) as error:
         print(f"tlr-export-policy: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def _export(options: argparse.Namespace) -> None:
+def _export(run: Path, checkpoint: str | None, output: Path, force: bool) -> None:
     """Write the form that the suffix of the output means.
 
     Raises:
         ValueError, OSError: no such form; or as the form's own function.
     """
-    output: Path = options.output
     if output.suffix not in ("", ".onnx"):
         raise ValueError(
             f"{output}: there is no form of a policy for the suffix {output.suffix!r}; a name "
             "without a suffix is written as a folder, one that ends in .onnx as one file"
         )
-    if output.suffix == ".onnx":
-        _export_onnx(options)
-    else:
-        _export_folder(options)
+    write = _export_onnx if output.suffix == ".onnx" else _export_folder
+    write(run, checkpoint, output, force)
 
 
-def _export_onnx(options: argparse.Namespace) -> None:
+def _export_onnx(run: Path, checkpoint: str | None, output: Path, force: bool) -> None:
     missing = [name for name in ("onnx", "onnxruntime") if find_spec(name) is None]
     if missing:
         raise ValueError(f"{' and '.join(missing)} missing: pip install '.[onnx]' in the checkout")
     from tlr_exp.evaluation.choosing import choose
     from tlr_exp.export.onnx_file import write_onnx
 
-    choice = choose(options.run, options.checkpoint)
-    difference = write_onnx(choice, options.output, options.force)
-    size = options.output.stat().st_size
+    choice = choose(run, checkpoint)
+    difference = write_onnx(choice, output, force)
+    size = output.stat().st_size
     print(
-        f"wrote {options.output}: {choice.run.name}, iteration {choice.iteration}, "
+        f"wrote {output}: {choice.run.name}, iteration {choice.iteration}, "
         f"{size / 1e6:.1f} MB; its actions are PyTorch's to {difference:.0e}"
     )
 
 
-def _export_folder(options: argparse.Namespace) -> None:
-    output: Path = options.output
+def _export_folder(run: Path, checkpoint: str | None, output: Path, force: bool) -> None:
     # After what can be checked at once: it loads PyTorch and MuJoCo, which takes seconds.
     from tlr_exp.export.folder import check_output, write_folder
 
-    check_output(output, options.force)
+    check_output(output, force)
     from tlr_exp.evaluation.choosing import choose
 
-    choice = choose(options.run, options.checkpoint)
-    write_folder(choice, output, options.force)
+    choice = choose(run, checkpoint)
+    write_folder(choice, output, force)
     size = sum(file.stat().st_size for file in output.rglob("*") if file.is_file())
     print(f"wrote {output}: {choice.run.name}, iteration {choice.iteration}, {size / 1e6:.1f} MB")
     print(f"watch it   tlr-evaluate {output} --web")

@@ -11,9 +11,10 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.robot.model import Robot
 from tlr_exp.viewing import ViewerUnavailable
-from tlr_exp.viewing.recording import Player, Recording
+from tlr_exp.viewing.player import Player
 
 _GHOST_RGBA = np.array([0.05, 0.42, 0.95, 0.3])
 _REFRESH_S = 1 / 60

@@ -14,9 +14,10 @@ from tlr_exp.machine.terminal import show_any_text
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point. 0: done; 1: a file was refused or a clip is wrong; 2: wrong arguments."""
     show_any_text()
-    options = _parser().parse_args(arguments)
+    options = vars(_parser().parse_args(arguments))
+    run = options.pop("run")  # of a subcommand, which takes its options by their names
     try:
-        return options.run(options) or 0
+        return run(**options) or 0
     except ArgumentsError as error:
         print(f"tlr-motion: {error}", file=sys.stderr)
         return 2

@@ -1,22 +1,34 @@
-"""Curves of a clip: every joint within its limits; heights and speeds of the bodies."""
+"""Curves over time: of a clip, and of what a policy gets wrong; joint by joint, body by body."""
 
-import io
-from pathlib import Path
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from tlr_exp.evaluation.distances import body_distance
+from tlr_exp.evaluation.result import EvaluationResult
+from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.quality.floor import FloorContacts, floor_contacts, stretches
-from tlr_exp.records.storage import atomic_write
-from tlr_exp.robot.g1 import ARM, JOINT_NAMES, LEG, TRACKED_BODIES, WAIST
+from tlr_exp.robot.g1 import (
+    ARM,
+    JOINT_NAMES,
+    LEG,
+    LOWER_BODY,
+    TRACKED_BODIES,
+    UPPER_BODY,
+    WAIST,
+)
 from tlr_exp.robot.model import Robot
 
 # Okabe and Ito's colours, which colour-blind readers tell apart.
 LEFT, RIGHT, MIDDLE, LIMIT, FLIGHT = "#0072B2", "#D55E00", "#333333", "#CC3311", "#F0E442"
-DPI = 110
+_REFERENCE, _ROBOT, _UPPER, _LOWER, _END = MIDDLE, LEFT, RIGHT, LEFT, LIMIT
 # The left is broad and light, so that it shows where the right lies on it.
 _LINES = {
     LEFT: {"color": LEFT, "linewidth": 2.8, "alpha": 0.5},
@@ -32,15 +44,23 @@ _BODIES = (  # name, label, colour, line style
     ("right_ankle_roll_link", "right foot", RIGHT, "-"),
 )
 
+# Rows of the figure of joints: the two legs, and arms and waist beside one another.
+_JOINT_GRID = (
+    tuple(f"left_{name}" for name in LEG),
+    tuple(f"right_{name}" for name in LEG),
+    (*(f"left_{name}" for name in ARM), *WAIST[:2]),
+    (*(f"right_{name}" for name in ARM), WAIST[2]),
+)
 
+
+# --- a clip -----------------------------------------------------------------------------------
 def joint_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     """Positions and velocities of the 23 joints, left and right in one panel.
 
     What is beyond a joint's limits is shaded; where a limit is out of sight it is written in.
     Roll and yaw joints of the right side change sign, so that both sides have the same limits.
     """
-    figure = Figure(figsize=(19, 9), layout="constrained")
-    figure.suptitle(title)
+    figure = _titled(title, 19, 9)
     axes = figure.subplots(4, 7, sharex=True)
     for column, kind in enumerate(LEG):
         _joint_panels(axes[:2, column], clip, robot, kind)
@@ -102,8 +122,7 @@ def _show_limits(axis: Axes, low: float, high: float, least: float) -> None:
 def body_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     """Heights and speeds of the ends of the body, who touches the floor, speeds of all bodies."""
     floor = floor_contacts(clip, robot)
-    figure = Figure(figsize=(12, 11), layout="constrained")
-    figure.suptitle(title)
+    figure = _titled(title, 12, 11)
     height, speed, contact, image = figure.subplots(
         4, 1, sharex=True, gridspec_kw={"height_ratios": [3, 3, 0.7, 5]}
     )
@@ -124,13 +143,8 @@ def body_figure(clip: MotionClip, robot: Robot, title: str) -> Figure:
     )
     _contact_bars(contact, clip, floor)
     # Half a frame before and after, so that each frame's colour is around its time.
-    extent = (-0.5 / clip.fps, time[-1] + 0.5 / clip.fps, len(TRACKED_BODIES) - 0.5, -0.5)
-    colors = image.imshow(
-        speeds.T, aspect="auto", cmap="viridis", extent=extent, vmin=0.0, interpolation="nearest"
-    )
-    image.set_yticks(range(len(TRACKED_BODIES)), [n.removesuffix("_link") for n in TRACKED_BODIES])
-    image.tick_params(axis="y", labelsize=7)
-    image.set_xlabel("s")
+    times = (-0.5 / clip.fps, time[-1] + 0.5 / clip.fps)
+    colors = _body_image(image, speeds, range(len(TRACKED_BODIES)), times, label_size=7)
     figure.colorbar(colors, ax=image, label="speed, m/s", pad=0.01)
     for axis in (height, speed):
         axis.grid(alpha=0.3)
@@ -148,13 +162,108 @@ def _contact_bars(axis: Axes, clip: MotionClip, floor: FloorContacts) -> None:
     axis.set_ylim(-0.6, 2.6)
 
 
-def write_figure(path: str | Path, figure: Figure) -> Path:
-    """Write a figure as a PNG, whole or not at all.
+# --- a policy beside its reference ------------------------------------------------------------
+def joint_error_figure(trajectory: Trajectory, title: str) -> Figure:
+    """The 23 joints over the time in s: robot and reference in rad, and the mean of |error|."""
+    figure = _titled(title, 17, 9.5)
+    axes = figure.subplots(4, 6, sharex=True)
+    time = _time(trajectory)
+    for axis, name in zip(axes.flat, [name for row in _JOINT_GRID for name in row], strict=False):
+        joint = 7 + JOINT_NAMES.index(f"{name}_joint")
+        robot, reference = trajectory.qpos[:, joint], trajectory.reference_qpos[:, joint]
+        axis.plot(time, reference, color=_REFERENCE, linewidth=1.0, label="reference")
+        axis.plot(time, robot, color=_ROBOT, linewidth=1.2, label="robot")
+        axis.fill_between(time, reference, robot, color=_ROBOT, alpha=0.15, linewidth=0)
+        error = np.abs(robot - reference).mean()
+        axis.set_title(f"{name.replace('_', ' ')}: {error:.3f} rad", fontsize=10)
+        axis.tick_params(labelsize=8)
+        axis.grid(alpha=0.3)
+    for row in axes:
+        row[0].set_ylabel("rad")
+    for axis in (*axes[3, :5], axes[2, 5]):
+        axis.set_xlabel("s")
+    axes[2, 5].tick_params(labelbottom=True)
+    last = axes[3, 5]
+    last.axis("off")
+    last.legend(
+        *axes[0, 0].get_legend_handles_labels(),
+        title="in titles: mean |error|",
+        loc="center left",
+        frameon=False,
+    )
+    return figure
 
-    Raises:
-        StorageError: a full disk, a read-only folder, ...
-    """
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
-    atomic_write(Path(path), buffer.getbuffer())
-    return Path(path)
+
+def body_error_figure(trajectory: Trajectory, result: EvaluationResult, title: str) -> Figure:
+    """Distance of the bodies from their reference in m: means, each over time, each on average."""
+    distance = body_distance(trajectory.body_pos_w, trajectory.reference_body_pos_w)
+    figure = _titled(title, 13, 10)
+    axes = figure.subplots(2, 2, gridspec_kw={"height_ratios": [2, 5], "width_ratios": [4, 1]})
+    time = _time(trajectory)
+    mean, image, bars = axes[0, 0], axes[1, 0], axes[1, 1]
+    axes[0, 1].axis("off")
+    groups = (("upper body", UPPER_BODY, _UPPER), ("lower body", LOWER_BODY, _LOWER))
+    for label, bodies, color in groups:
+        mean.plot(time, distance[:, bodies].mean(axis=1), color=color, label=label)
+    _mark_end(mean, result.upright, "fell", trajectory, "-")
+    _mark_end(mean, result.survival, "training would have stopped", trajectory, ":")
+    mean.set(ylabel="mean distance, m", xlim=(0, time[-1]))
+    mean.set_ylim(bottom=0)
+    mean.grid(alpha=0.3)
+    axes[0, 1].legend(*mean.get_legend_handles_labels(), loc="center left", frameon=False)
+    # Upper body above, lower body below; in each the worst first.
+    order = [
+        body
+        for _, bodies, _ in groups
+        for body in sorted(bodies, key=lambda index: -distance[:, index].mean())
+    ]
+    # A row begins where its step does and ends with the instant that it describes.
+    colors = _body_image(image, distance, order, (0.0, time[-1]), label_size=8)
+    figure.colorbar(colors, ax=image, label="distance, m", location="left", pad=0.01)
+    shades = [_UPPER if body in UPPER_BODY else _LOWER for body in order]
+    bars.barh(range(len(order)), distance[:, order].mean(axis=0), color=shades)
+    bars.set(ylim=(len(order) - 0.5, -0.5), yticks=[], xlabel="mean distance, m")
+    bars.grid(axis="x", alpha=0.3)
+    return figure
+
+
+def _mark_end(axis: Axes, share: float, label: str, trajectory: Trajectory, style: str) -> None:
+    """A line where something happened, if it did."""
+    if share < 1.0:
+        # The share is of the steps before: the step itself ends one later.
+        step = round(share * trajectory.num_steps) + 1
+        time = step * trajectory.control_dt_s
+        axis.axvline(time, color=_END, linestyle=style, label=f"{label} ({time:.2f} s)")
+
+
+def _time(trajectory: Trajectory) -> np.ndarray:
+    return (np.arange(trajectory.num_steps) + 1) * trajectory.control_dt_s
+
+
+# --- both -------------------------------------------------------------------------------------
+def _titled(title: str, width_in: float, height_in: float) -> Figure:
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure.suptitle(title)
+    return figure
+
+
+def _body_image(
+    axis: Axes,
+    values: np.ndarray,
+    bodies: Sequence[int],
+    times_s: tuple[float, float],
+    label_size: int,
+) -> Any:
+    """Values [T, 27] as colours: a row for each of ``bodies``, over the time; what has colours."""
+    names = [TRACKED_BODIES[body].removesuffix("_link") for body in bodies]
+    colors = axis.imshow(
+        values[:, list(bodies)].T,
+        aspect="auto",
+        cmap="viridis",
+        extent=(*times_s, len(names) - 0.5, -0.5),
+        vmin=0.0,
+        interpolation="nearest",
+    )
+    axis.set_yticks(range(len(names)), names, fontsize=label_size)
+    axis.set_xlabel("s")
+    return colors
