@@ -14,19 +14,16 @@ from analysis.measures.quantities import COST, COST_OF_ROLL_OUT, quantity
 from analysis.measures.rollouts import Rollouts
 from analysis.measures.tradeoff import BODIES as ERRORS
 from analysis.report.cells import NBSP, interval_text
-from analysis.report.claims import Claim
-from analysis.report.evidence import Evidence
-from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
-from analysis.report.maturity import CLAIMED, moving_text, untracked_text
-from analysis.report.protocol_tables import BODIES
-from analysis.report.verdicts import Verdict
+from analysis.report.evidence import BODIES, Evidence
+from analysis.report.judging.claims import Judged
+from analysis.report.judging.judges import PAPER_CONTROL_STEPS
+from analysis.report.judging.verdicts import CLAIMED, Verdict, moving_text, untracked_text
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.results import Interval
 from tlr_exp import keys
 
 # Per cent, five seeds, Figure 13.
 PAPER_IMPROVEMENT = {keys.TRAIN_UPPER_BODY_ERROR: 4.25, keys.TRAIN_LOWER_BODY_ERROR: 4.98}
-Judged = Sequence[tuple[Claim, Finding]]
 
 # The figures that can carry an answer, the best first.
 CARRIERS = ("tradeoff", "figure_13_seed_bands", "forest")

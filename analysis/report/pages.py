@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.report.content import Report
-from analysis.report.verdicts import Verdict
+from analysis.report.judging.verdicts import Verdict
 
 PAGE, MARKDOWN, NUMBERS, FIGURES = "report.html", "report.md", "statistics.json", "figures"
 FIGURES_PDF, LATEX = "figures.pdf", "comparison.tex"
