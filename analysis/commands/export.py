@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             force=options.force,
         )
     except StudyError as error:
-        print(f"tlr-export: {with_advice(str(error))}", file=sys.stderr)
+        print(f"tlr-export: {with_advice(error)}", file=sys.stderr)
         return 1
     for line in _report(study, options.output):
         print(line)

@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
         page = write_report(report, options.output, options.force)
     except StudyError as error:
-        print(f"tlr-report: {with_advice(str(error))}", file=sys.stderr)
+        print(f"tlr-report: {with_advice(error)}", file=sys.stderr)
         return 1
     except (ReportExistsError, OSError) as error:
         print(f"tlr-report: {error}", file=sys.stderr)

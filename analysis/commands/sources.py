@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +16,12 @@ from analysis.data.run_directories import arms_of_sweep, from_run_directories
 from analysis.data.runs import records_of
 from analysis.data.settings import OPTIMIZER
 from analysis.data.starts import of_runs, read_starts, starts_beside
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Remedy, Study, StudyError
 from analysis.data.tables import from_tables, is_exported
+from tlr_exp.machine import variables
 from tlr_exp.records.places import plain_text
 
-URI_VARIABLE, STORE = "MLFLOW_TRACKING_URI", Path("runs/mlflow.db")
+STORE = Path("runs/mlflow.db")
 
 
 def load_study(
@@ -99,8 +99,8 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tracking-uri",
         metavar="URI",
-        help=f"http://HOST:PORT or sqlite:///FILE; by default the variable {URI_VARIABLE}, else "
-        f"sqlite:///{STORE}",
+        help="http://HOST:PORT or sqlite:///FILE; by default the variable "
+        f"{variables.TRACKING_URI}, else sqlite:///{STORE}",
     )
     parser.add_argument(
         "--starts",
@@ -181,7 +181,7 @@ def study_of(options: argparse.Namespace) -> Study:
 
 def default_tracking_uri() -> str:
     """The variable MLFLOW_TRACKING_URI where it is set, else the store in runs/."""
-    return os.environ.get(URI_VARIABLE) or f"sqlite:///{STORE.absolute()}"
+    return variables.tracking_uri() or f"sqlite:///{STORE.absolute()}"
 
 
 def source_names(options: argparse.Namespace) -> list[str]:
@@ -196,17 +196,18 @@ def _keys(text: str) -> list[str]:
     return [key.strip() for key in text.split(",") if key.strip()]
 
 
-def with_advice(problems: str) -> str:
+_ADVICE = {
+    Remedy.UNFINISHED: "--allow-unfinished takes runs as far as they have come",
+    Remedy.WITHOUT_RUN: "--allow-unfinished leaves out jobs without a run",
+    Remedy.COMMON_SEEDS: "--seeds common leaves out what not every arm has finished",
+    Remedy.NEWEST: "--duplicates newest takes the newest finished run",
+    Remedy.KEYS: "--arms compares runs by such a key, --ignore passes over it",
+    Remedy.ONE_MOTION: "--motion NAME takes the runs of one",
+    Remedy.REPLACE: "--force replaces the tables in it",
+}
+
+
+def with_advice(error: StudyError) -> str:
     """Problems, each on a line, with the arguments that would take such runs all the same."""
-    advice = {
-        " after ": "--allow-unfinished takes runs as far as they have come",
-        "has no run": "--allow-unfinished leaves out jobs without a run",
-        " lacks seed ": "--seeds common leaves out what not every arm has finished",
-        " times: ": "--duplicates newest takes the newest finished run",
-        ", but ": "--arms compares runs by such a key, --ignore passes over it",
-        "several motions": "--motion NAME takes the runs of one",
-        " is not empty": "--force replaces the tables in it",
-    }
-    lines = problems.splitlines()
-    hints = [hint for sign, hint in advice.items() if any(sign in line for line in lines)]
-    return "\n".join([*lines, *(f"({hint})" for hint in hints)])
+    hints = [hint for remedy, hint in _ADVICE.items() if remedy in error.remedies]
+    return "\n".join([str(error), *(f"({hint})" for hint in hints)])

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from analysis.data.runs import RunRecord, curve_from_rows, run_record
-from analysis.data.study import StudyError
+from analysis.data.study import Remedy, StudyError
 from tlr_exp.keys import ITERATION
 
 MANIFEST, CONFIG, METRICS = "manifest.json", "config.yaml", "metrics.jsonl"
@@ -36,10 +36,13 @@ def from_run_directories(
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     folders: dict[Path, None] = {}
     records, problems = [], []
+    remedies: tuple[Remedy, ...] = ()
     for path in map(Path, given):
         if (path / SWEEP).is_file():
             found, lacking = runs_of_sweep(path)
-            problems += [] if allow_unfinished else lacking
+            if lacking and not allow_unfinished:
+                problems += lacking
+                remedies = (Remedy.WITHOUT_RUN,)
         else:
             found = find_run_directories(path)
         if not found:
@@ -52,7 +55,7 @@ def from_run_directories(
         except StudyError as error:
             problems.append(str(error))
     if problems:
-        raise StudyError("\n".join(problems))
+        raise StudyError("\n".join(problems), *remedies)
     return records
 
 

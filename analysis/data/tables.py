@@ -28,7 +28,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from analysis.data.starts import STARTS, csv_of_starts, of_runs, parse_starts, read_starts
-from analysis.data.study import CURVE_KEYS, RUN, Study, StudyError
+from analysis.data.study import CURVE_KEYS, RUN, Remedy, Study, StudyError
 
 RUNS, CURVES, MANIFEST = "runs.parquet", "curves.parquet", "manifest.json"
 FILES = (RUNS, CURVES, MANIFEST)  # that every exported study has
@@ -142,7 +142,9 @@ def is_occupied(folder: Path, force: bool = False) -> bool:
         raise StudyError(f"{folder} is a file; give the name of a folder")
     occupied = folder.is_dir() and any(folder.iterdir())
     if occupied and not force:
-        raise StudyError(f"{folder} is not empty; choose another folder, or force it")
+        raise StudyError(
+            f"{folder} is not empty; choose another folder, or force it", Remedy.REPLACE
+        )
     return occupied
 
 

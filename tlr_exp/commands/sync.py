@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from tlr_exp.machine import variables
 from tlr_exp.machine.terminal import show_any_text
 from tlr_exp.mlflow_sync.following import WatchedProcess, follow, has_ended
-from tlr_exp.mlflow_sync.mirror import LIMIT_VARIABLE, MAX_FILE_MB, STORE
+from tlr_exp.mlflow_sync.mirror import MAX_FILE_MB, STORE
 from tlr_exp.mlflow_sync.sources import DEFAULT_EXPERIMENT, Source, find_sources, megabytes
 from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.run_directory import RUNNING, RunDirectory, RunDirectoryError
@@ -84,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         default=None,
         metavar="MB",
         help="leave larger checkpoints, videos and evaluations where they are; 0: all of them "
-        f"(default: the variable {LIMIT_VARIABLE}, else {MAX_FILE_MB:g})",
+        f"(default: the variable {variables.MAX_FILE_MB}, else {MAX_FILE_MB:g})",
     )
     parser.add_argument(
         "--follow",

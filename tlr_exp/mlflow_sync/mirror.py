@@ -18,14 +18,13 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from tlr_exp.machine import variables
 from tlr_exp.records.credentials import has_credentials, hide_password
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
 LOG = "sync.log"
 STORE = "mlflow.db"
-URI_VARIABLE = "MLFLOW_TRACKING_URI"
-LIMIT_VARIABLE = "TLR_SYNC_MAX_FILE_MB"
 MAX_FILE_MB = 64.0  # larger checkpoints and videos stay in the run directory (0: all of them)
 
 _SQLITE = "sqlite:///"
@@ -44,7 +43,7 @@ def default_tracking_uri(root: str | Path) -> str:
     Raises:
         ValueError: the variable holds something that cannot be used (see `check_tracking_uri`).
     """
-    from_environment = os.environ.get(URI_VARIABLE)
+    from_environment = variables.tracking_uri()
     if from_environment:
         return check_tracking_uri(from_environment)
     return f"{_SQLITE}{Path(root).absolute() / STORE}"
@@ -177,7 +176,7 @@ class Mirror:
 def _launch(folder: Path, uri: str, experiment: str) -> subprocess.Popen:
     arguments = [str(folder), "--follow", str(os.getpid()), "--experiment", experiment]
     # The URI goes by the environment: it may hold a password, and command lines are public.
-    environment = {**os.environ, URI_VARIABLE: uri, "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, variables.TRACKING_URI: uri, "OMP_NUM_THREADS": "1"}
     with open(folder / LOG, "ab") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "tlr_exp.commands.sync", *arguments],
