@@ -8,11 +8,10 @@ from types import SimpleNamespace
 import pytest
 from omegaconf import OmegaConf
 
-from tlr_exp.machine import variables
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEP_LOCK, SweepDirectory
 from tlr_exp.sweeps import command
-from tlr_exp.sweeps.command import run_sweep
+from tlr_exp.sweeps.command import ANSWER_VARIABLE, run_sweep
 from tlr_exp.sweeps.hydra_callback import HydraLauncher
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
@@ -76,7 +75,7 @@ def test_a_script_is_told_which_directory_it_asked_for_whatever_is_newer(
         make_run(job.num, "finished")
     monkeypatch.chdir(tmp_path)
     expected = f"runs/tlr/sweeps/five_seeds-{plan.sweep_id}"
-    monkeypatch.setenv(variables.SWEEP_FILE, str(tmp_path / "answer"))
+    monkeypatch.setenv(ANSWER_VARIABLE, str(tmp_path / "answer"))
     for _ in range(2):  # the second time it is finished, and nothing in it is touched
         assert run() == 0
         assert (tmp_path / "answer").read_text() == f"{expected}\n"
@@ -88,7 +87,7 @@ def test_a_script_is_told_which_directory_it_asked_for_whatever_is_newer(
 def test_a_file_that_cannot_be_written_is_told_before_anything_starts(
     run, plan, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setenv(variables.SWEEP_FILE, str(tmp_path / "nowhere" / "answer"))
+    monkeypatch.setenv(ANSWER_VARIABLE, str(tmp_path / "nowhere" / "answer"))
     assert run() == 1
     assert "nowhere" in capsys.readouterr().err
     assert SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id).jobs() == []

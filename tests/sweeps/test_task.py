@@ -9,17 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from tlr_exp.machine import variables
 from tlr_exp.sweeps.spec import JobSpec, log_path, write_spec
 from tlr_exp.sweeps.stopping import KILL, request_stop
-from tlr_exp.sweeps.task import JobTask, job_environment, one_line
+from tlr_exp.sweeps.task import JOB_VARIABLE, JobTask, job_environment, one_line
 
 
 @pytest.fixture
 def task(sweep, plan, monkeypatch):
     write_spec(sweep.path, 1, plan.jobs[1].spec)
     sweep.write_job(1, "waiting", overrides=["seed=1"])
-    monkeypatch.setenv(variables.JOB, "1")
+    monkeypatch.setenv(JOB_VARIABLE, "1")
     return JobTask(str(sweep.path), os.getpid())
 
 
@@ -37,11 +36,11 @@ def instead(tmp_path, monkeypatch):
 
 
 def test_threads_are_set_and_nothing_of_the_launcher_is_passed_on():
-    given = {"OMP_NUM_THREADS": "7", "PATH": "/bin", variables.JOB: "3", "GOMP_SPINCOUNT": "9"}
+    given = {"OMP_NUM_THREADS": "7", "PATH": "/bin", JOB_VARIABLE: "3", "GOMP_SPINCOUNT": "9"}
     two = job_environment(given, 2)
     assert two["OMP_NUM_THREADS"] == two["MKL_NUM_THREADS"] == two["OPENBLAS_NUM_THREADS"] == "2"
     assert (two["PATH"], two["GOMP_SPINCOUNT"]) == ("/bin", "9")
-    assert variables.JOB not in two
+    assert JOB_VARIABLE not in two
     assert job_environment({"OMP_NUM_THREADS": "7"}, 0) == {"GOMP_SPINCOUNT": "5000"}
 
 

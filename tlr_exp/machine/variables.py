@@ -1,7 +1,7 @@
 """The environment variables that the program reads, what each means, and a function for each.
 
-Those that are only handed to a process that is started, or that belong to a cluster's scheduler or
-to MLflow's client, stand where that is done.
+Those by which a sweep speaks to its jobs, and those of a cluster's scheduler and of MLflow's
+client, stand where that is done.
 """
 
 import os
@@ -9,8 +9,6 @@ from pathlib import Path
 
 TRACKING_URI = "MLFLOW_TRACKING_URI"  # the MLflow store
 MAX_FILE_MB = "TLR_SYNC_MAX_FILE_MB"  # the largest file that is brought into it
-JOB = "TLR_EXP_JOB"  # the number of a sweep's job, by hydra.job.env_set
-SWEEP_FILE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 GRAPHICS = "MUJOCO_GL"  # how MuJoCo draws off screen, or that it does not
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 _CACHE = "XDG_CACHE_HOME"
@@ -24,11 +22,6 @@ def tracking_uri() -> str:
 def max_file_mb() -> str:
     """Megabytes of the largest file for MLflow, as written; empty where nothing is."""
     return os.environ.get(MAX_FILE_MB, "")
-
-
-def sweep_file() -> str:
-    """The file that gets the path of the sweep directory; empty where there is none."""
-    return os.environ.get(SWEEP_FILE, "")
 
 
 def graphics() -> str:

@@ -14,7 +14,6 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from tlr_exp.config.load import ConfigError
-from tlr_exp.machine import variables
 from tlr_exp.mlflow_sync.mirror import Mirror, how_to_open
 from tlr_exp.records.run_directory import FAILED, FINISHED, INTERRUPTED, RUNNING, RunDirectoryError
 from tlr_exp.records.storage import StorageError, atomic_write
@@ -34,6 +33,7 @@ from tlr_exp.sweeps.stopping import Stopper, clear_stop
 from tlr_exp.sweeps.task import JobTask
 from tlr_exp.training.run import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED, print_error
 
+ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
 
 
@@ -188,7 +188,7 @@ def _say_how_it_ended(
 
 def _answer_with(sweep: Path) -> None:
     """Tell a script which directory it has asked for, where it named a file to be told in."""
-    if answer := variables.sweep_file():
+    if answer := os.environ.get(ANSWER_VARIABLE):
         atomic_write(Path(answer), f"{from_here(sweep)}\n".encode())
 
 

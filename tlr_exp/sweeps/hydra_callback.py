@@ -19,11 +19,11 @@ from hydra.experimental.callback import Callback
 from hydra.types import HydraContext
 from omegaconf import DictConfig, open_dict
 
-from tlr_exp.machine import variables
 from tlr_exp.sweeps.parallel import LauncherError, Parallelism
 from tlr_exp.sweeps.progress import Remark
 from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, PlannedJob
 from tlr_exp.sweeps.stopping import Left, Stopper
+from tlr_exp.sweeps.task import JOB_VARIABLE
 
 
 class SweepCallback(Callback):
@@ -85,7 +85,7 @@ class HydraLauncher:
     ) -> None:
         """Run jobs, and wait until all have ended; see `Launcher`."""
         overrides = [
-            [*job.overrides, f"+hydra.job.env_set.{variables.JOB}='{job.num}'"] for job in jobs
+            [*job.overrides, f"+hydra.job.env_set.{JOB_VARIABLE}='{job.num}'"] for job in jobs
         ]
         try:
             self._make().launch(overrides, initial_job_idx=0)

@@ -16,14 +16,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.machine import variables
 from tlr_exp.records.run_directory import RUNNING
 from tlr_exp.records.sweep_directory import WAITING, SweepDirectory
 from tlr_exp.sweeps.parallel import LauncherError
 from tlr_exp.sweeps.progress import QUEUED_AGAIN, Remark
 from tlr_exp.sweeps.spec import LAUNCHER_FOLDER, PlannedJob
 from tlr_exp.sweeps.stopping import Stopper
-from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, JobTask, conclude
+from tlr_exp.sweeps.task import CLUSTER_PATIENCE_S, JOB_VARIABLE, JobTask, conclude
 
 LOG = "ray.log"  # in the folder of the launcher: what Ray would print into the display
 LOOK_S = 0.5
@@ -148,7 +147,7 @@ class RayLauncher:
 
 def run_task(task: JobTask, num: int) -> None:
     """In a worker of Ray: the job, in a process of its own."""
-    os.environ[variables.JOB] = str(num)
+    os.environ[JOB_VARIABLE] = str(num)
     task(None)
 
 

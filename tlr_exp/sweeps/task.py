@@ -19,7 +19,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tlr_exp.machine import variables
 from tlr_exp.machine.cores import OPENMP_DEFAULTS
 from tlr_exp.mlflow_sync.following import WatchedProcess
 from tlr_exp.records.run_directory import (
@@ -36,6 +35,7 @@ from tlr_exp.sweeps.parallel import THREAD_VARIABLES
 from tlr_exp.sweeps.spec import log_path, read_spec, with_threads
 from tlr_exp.sweeps.stopping import KILL, POLL_S, stop_requested
 
+JOB_VARIABLE = "TLR_EXP_JOB"  # the number of the job, by hydra.job.env_set
 PATIENCE_S = 1.0
 # A job that a cluster starts again can start before the end of the process that was there before.
 CLUSTER_PATIENCE_S = 120.0
@@ -62,7 +62,7 @@ class JobTask:
         self.main_process = os.getpid()
 
     def __call__(self, config: Any) -> None:
-        num = int(os.environ[variables.JOB])
+        num = int(os.environ[JOB_VARIABLE])
         if os.getpid() != self.main_process:
             _leave_ctrl_c_to_the_sweep()
             if self._is_with_the_sweep():
@@ -115,7 +115,7 @@ def start_job(
 def job_environment(environment: Mapping[str, str], threads: int) -> dict[str, str]:
     """The environment of a job on ``threads`` threads; 0 leaves the number to the libraries."""
     kept = {name: value for name, value in environment.items() if name not in THREAD_VARIABLES}
-    kept.pop(variables.JOB, None)
+    kept.pop(JOB_VARIABLE, None)
     limits = {name: str(threads) for name in THREAD_VARIABLES} if threads else {}
     return {**OPENMP_DEFAULTS, **kept, **limits}
 
