@@ -174,14 +174,20 @@ def _counts(judged: Judged) -> str:
 # --- the longer list -------------------------------------------------------------------------
 def summary(evidence: Evidence, judged: Judged) -> Iterator[str]:
     """What is behind the answer, a sentence each, and the notes of the study."""
+    baseline, treatment = evidence.labels
+    which_is_better = (
+        f"{treatment} is better.",
+        f"{baseline} is better.",
+        "These seeds do not tell the arms apart.",
+    )
     for metric, claimed in PAPER_IMPROVEMENT.items():
         interval = evidence.relative_improvement(metric)
         text = interval_text(interval, 1, percent=True)
         theirs = f" (the paper: +{claimed} %). {support(interval)}" if judged else ""
         yield (
             f"{quantity(metric).name}, mean over training: relative improvement of "
-            f"{evidence.labels[1]} over {evidence.labels[0]} "
-            f"{text}{theirs or '. ' + conclusion(interval, evidence)}"
+            f"{treatment} over {baseline} "
+            f"{text}{theirs or '. ' + support(interval, which_is_better)}"
         )
     if judged:
         yield f"Of {len(judged)} claims of the paper: {_counts(judged)}."
@@ -195,26 +201,21 @@ def summary(evidence: Evidence, judged: Judged) -> Iterator[str]:
     yield from evidence.study.notes
 
 
-def support(interval: Interval) -> str:
-    """In plain words, whether the seeds show the improvement that the paper reports."""
+_SUPPORT = (
+    "These data support an improvement.",
+    "These data do not support the paper: the two-layered arm is worse.",
+    "These data do not support the paper: they do not tell the arms apart.",
+)
+
+
+def support(interval: Interval, words: tuple[str, str, str] = _SUPPORT) -> str:
+    """In plain words, whether the seeds show that the second arm is better, worse, or neither."""
+    better, worse, untold = words
     if math.isnan(interval.low):
         return f"Nothing can be concluded: {interval.reason}."
     if interval.low > 0:
-        return "These data support an improvement."
-    if interval.high < 0:
-        return "These data do not support the paper: the two-layered arm is worse."
-    return "These data do not support the paper: they do not tell the arms apart."
-
-
-def conclusion(interval: Interval, evidence: Evidence) -> str:
-    """In plain words, which of two arms the seeds show to be the better one."""
-    if math.isnan(interval.low):
-        return f"Nothing can be concluded: {interval.reason}."
-    if interval.low > 0:
-        return f"{evidence.labels[1]} is better."
-    if interval.high < 0:
-        return f"{evidence.labels[0]} is better."
-    return "These seeds do not tell the arms apart."
+        return better
+    return worse if interval.high < 0 else untold
 
 
 def subtitle(study: Study) -> str:

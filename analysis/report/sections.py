@@ -127,12 +127,16 @@ def seeds_section(study: Study, found: Mapping[str, Found]) -> Section:
     for arm, of_arm in found.items():
         evidence = Evidence(study, arm)
         content += [
-            comparison_tables.seeds_table(evidence, of_arm.training),
-            comparison_tables.tests_table(evidence, of_arm.training),
+            *_means_and_tests(evidence, of_arm.training),
             comparison_tables.curves_table(evidence),
             comparison_tables.speed_table(evidence),
         ]
     return Section("seeds", "The seed as the unit", (SEEDS_TEXT,), tuple(content))
+
+
+def _means_and_tests(evidence: Evidence, found: list[Outcome]) -> list[Table]:
+    tables = comparison_tables.seeds_table, comparison_tables.tests_table
+    return [table(evidence, found) for table in tables]
 
 
 def tracking_section(study: Study, found: Mapping[str, Found]) -> Iterator[Section]:
@@ -141,10 +145,7 @@ def tracking_section(study: Study, found: Mapping[str, Found]) -> Iterator[Secti
     for arm, of_arm in found.items():
         evidence = Evidence(study, arm)
         if of_arm.tracking:
-            content += [
-                comparison_tables.seeds_table(evidence, of_arm.tracking),
-                comparison_tables.tests_table(evidence, of_arm.tracking),
-            ]
+            content += _means_and_tests(evidence, of_arm.tracking)
         if of_arm.same_phase:
             content.append(comparison_tables.same_phase_table(evidence, of_arm.same_phase))
     if content:
@@ -163,10 +164,7 @@ def lower_layer_section(study: Study, found: Mapping[str, Found]) -> Section:
         area = comparison_tables.area_table(evidence)
         content += [] if area is None else [area]
         if of_arm.lower_layer:
-            content += [
-                comparison_tables.seeds_table(evidence, of_arm.lower_layer),
-                comparison_tables.tests_table(evidence, of_arm.lower_layer),
-            ]
+            content += _means_and_tests(evidence, of_arm.lower_layer)
     words = (LOWER_LAYER_TEXT, _cost_note(Evidence(study)))
     return Section("lower-layer", "The lower layer", words, tuple(content))
 

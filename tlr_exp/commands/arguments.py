@@ -42,6 +42,12 @@ def viewer_of(view: bool, web: int | None) -> Viewer | None:
     return Viewer(web) if view or web is not None else None
 
 
+def drawn_as(size: tuple[int, int] | None, quality: str | None) -> dict[str, Any]:
+    """--size and --quality as what draws takes them; nothing where its own are meant."""
+    sides = {} if size is None else {"width": size[0], "height": size[1]}
+    return sides | ({} if quality is None else {"quality": quality})
+
+
 def size_argument(text: str) -> tuple[int, int]:
     """Width and height in pixels of "640x480"; even, as videos need them.
 

@@ -6,7 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from tlr_exp.commands.arguments import add_force, add_viewers, size_argument, viewer_of
+from tlr_exp.commands.arguments import (
+    add_force,
+    add_viewers,
+    drawn_as,
+    size_argument,
+    viewer_of,
+)
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import choose, is_folder_of_runs
 from tlr_exp.machine.terminal import refuse_without_docstrings, show_any_text
@@ -36,11 +42,11 @@ def _run(given: argparse.Namespace) -> int:
     """Hand what was asked for to the part of the command that does it, as plain values."""
     viewer = viewer_of(given.view, given.web)
     if given.strip:
-        from tlr_exp.commands.evaluate.comparing import Checkpoints, Look, compare
+        from tlr_exp.commands.evaluate.comparing import Checkpoints, compare
 
         which = Checkpoints(given.physics, given.checkpoint, given.iterations, given.shares)
-        look = Look(given.columns, given.size, given.quality)
-        compare(given.runs, which, given.output, look, given.force)
+        look = {"columns": given.columns, **drawn_as(given.size, given.quality)}
+        compare(given.runs, which, given.output, given.force, **look)
         return 0
     if _measures_several(given):
         from tlr_exp.commands.evaluate.studying import study
@@ -55,7 +61,8 @@ def _run(given: argparse.Namespace) -> int:
     else:
         from tlr_exp.commands.evaluate.measuring import Pictures, measure
 
-        drawn = Pictures(given.pictures, given.video, given.columns, given.size, given.quality)
+        look = drawn_as(given.size, given.quality)
+        drawn = Pictures(given.pictures, given.video, given.columns, look)
         measure(choice, given.starts or 1, drawn, given.output, given.force)
     return 0
 

@@ -42,25 +42,10 @@ class Moment:
     choices: tuple[Choice, ...]
 
 
-@dataclass(frozen=True)
-class Look:
-    """Moments of a strip, and size in pixels and quality of its pictures; None: the usual."""
-
-    columns: int
-    size: tuple[int, int] | None
-    quality: str | None
-
-    def options(self) -> dict[str, Any]:
-        """As ``policy_strip`` takes it."""
-        size = {} if self.size is None else {"width": self.size[0], "height": self.size[1]}
-        quality = {} if self.quality is None else {"quality": self.quality}
-        return {"columns": self.columns, **size, **quality}
-
-
 def compare(
-    runs: Sequence[Path], which: Checkpoints, output: Path | None, look: Look, force: bool
+    runs: Sequence[Path], which: Checkpoints, output: Path | None, force: bool, **look: Any
 ) -> None:
-    """``tlr-evaluate RUN … --strip``.
+    """``tlr-evaluate RUN … --strip``; ``look``: columns, size and quality as ``policy_strip``'s.
 
     Raises:
         ValueError: a run has no such checkpoint, or the runs are not of one motion and robot.
@@ -82,7 +67,7 @@ def compare(
         print(f"drawing {file} ...", flush=True)
         evaluations = [evaluate(choice) for choice in moment.choices]
         rows = [row_of(evaluation, moment.choices) for evaluation in evaluations]
-        strip = policy_strip(robot, rows, title=title_of(moment.choices), **look.options())
+        strip = policy_strip(robot, rows, title=title_of(moment.choices), **look)
         print(f"wrote {write_image(file, strip)}")
 
 

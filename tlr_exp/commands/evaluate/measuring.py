@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tlr_exp.assembly.environment import build_robot_of
 from tlr_exp.commands.evaluate.result_table import result_table
@@ -22,8 +23,6 @@ from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.records.outputs import check_free
 from tlr_exp.robot.model import Robot
 
-VIDEO_SIZE = (640, 480)
-
 
 @dataclass(frozen=True)
 class Pictures:
@@ -32,14 +31,13 @@ class Pictures:
     Attributes:
         pictures, video: asked for, not wanted, or None: where this machine can draw.
         columns: moments of the keyframes.
-        size, quality: of the video; None: the usual.
+        film: size and quality of the video, as ``film`` takes them.
     """
 
     pictures: bool | None
     video: bool | None
     columns: int
-    size: tuple[int, int] | None
-    quality: str | None
+    film: dict[str, Any]
 
 
 def measure(
@@ -122,7 +120,7 @@ def _film(drawn: Pictures, path: Path, evaluation: Evaluation, robot: Robot) -> 
     from tlr_exp.pictures.recording import recording_of_trajectory
 
     print("drawing the video ...", flush=True)
-    width, height = drawn.size or VIDEO_SIZE
-    recording = recording_of_trajectory(evaluation.trajectory, evaluation.title)
-    film(path, robot, recording, width=width, height=height, quality=drawn.quality or "fast")
+    film(
+        path, robot, recording_of_trajectory(evaluation.trajectory, evaluation.title), **drawn.film
+    )
     print(f"wrote {path}")

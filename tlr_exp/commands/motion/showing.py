@@ -12,7 +12,13 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from tlr_exp.commands.arguments import add_force, add_viewers, size_argument, viewer_of
+from tlr_exp.commands.arguments import (
+    add_force,
+    add_viewers,
+    drawn_as,
+    size_argument,
+    viewer_of,
+)
 from tlr_exp.commands.motion.files import CLIP_HELP, ArgumentsError, load_clip, size
 from tlr_exp.errors import UserError
 from tlr_exp.motion.clip import MotionClip
@@ -88,7 +94,7 @@ def _show(
         return _watch(clip, name, viewer)
     folder = output or Path(f"{name}_pictures")
     paths = {part: folder / f"{name}{end}" for part, end in PARTS.items() if part in only}
-    video = {"frame_rate_hz": fps, "width": size[0], "height": size[1], "quality": quality}
+    video = {"frame_rate_hz": fps, **drawn_as(size, quality)}
     return _draw(clip, name, paths, times or columns, video, force)
 
 
