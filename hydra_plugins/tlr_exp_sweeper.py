@@ -29,14 +29,14 @@ class TlrExpSweeper(Sweeper):
         self.params = params
 
     def setup(self, *, hydra_context: HydraContext, task_function: Any, config: DictConfig) -> None:
-        self.hydra_context, self.config = hydra_context, config
+        self._asked = (config, hydra_context)
 
     def sweep(self, arguments: Sequence[str]) -> None:
         # Not before: single runs are to start fast.
         from tlr_exp.sweeps.command import run_sweep
 
         try:
-            status = run_sweep(self.config, self.hydra_context)
+            status = run_sweep(*self._asked)
         except Exception:
             traceback.print_exc()  # Hydra would leave out most of it
             status = 1

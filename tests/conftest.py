@@ -27,13 +27,13 @@ from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.native import NativePhysics
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.records.checkpoint import CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import native, web
-from tlr_exp.viewing.recording import Recording
 
 # Time limits of single examples fail on a busy machine.
 hypothesis.settings.register_profile("no_deadline", deadline=None)

@@ -17,9 +17,10 @@ from analysis.data.run_directories import arms_of_sweep, from_run_directories
 from analysis.data.runs import records_of
 from analysis.data.settings import OPTIMIZER
 from analysis.data.starts import of_runs, read_starts, starts_beside
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Remedy, Study, StudyError
 from analysis.data.tables import from_tables, is_exported
-from tlr_exp.mlflow_sync.tracking_uri import STORE, URI_VARIABLE, default_tracking_uri
+from tlr_exp.machine import variables
+from tlr_exp.mlflow_sync.tracking_uri import STORE, default_tracking_uri
 from tlr_exp.records.places import plain_text
 
 RUNS_DIR = Path("runs")  # where the store is looked for unless a URI is given
@@ -106,8 +107,8 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tracking-uri",
         metavar="URI",
-        help=f"http://HOST:PORT or sqlite:///FILE; by default the variable {URI_VARIABLE}, else "
-        f"sqlite:///{RUNS_DIR / STORE}",
+        help="http://HOST:PORT or sqlite:///FILE; by default the variable "
+        f"{variables.TRACKING_URI}, else sqlite:///{RUNS_DIR / STORE}",
     )
     parser.add_argument(
         "--starts",
@@ -198,6 +199,17 @@ def _keys(text: str) -> list[str]:
     return [key.strip() for key in text.split(",") if key.strip()]
 
 
+_ADVICE = {
+    Remedy.UNFINISHED: "--allow-unfinished takes runs as far as they have come",
+    Remedy.WITHOUT_RUN: "--allow-unfinished leaves out jobs without a run",
+    Remedy.COMMON_SEEDS: "--seeds common leaves out what not every arm has finished",
+    Remedy.NEWEST: "--duplicates newest takes the newest finished run",
+    Remedy.KEYS: "--arms compares runs by such a key, --ignore passes over it",
+    Remedy.ONE_MOTION: "--motion NAME takes the runs of one",
+    Remedy.REPLACE: "--force replaces the tables in it",
+}
+
+
 @contextmanager
 def advice() -> Iterator[None]:
     """Problems of a study are told with the arguments that would take such runs all the same.
@@ -208,19 +220,6 @@ def advice() -> Iterator[None]:
     try:
         yield
     except StudyError as error:
-        raise StudyError(_with_advice(str(error))) from error
-
-
-def _with_advice(problems: str) -> str:
-    arguments = {
-        " after ": "--allow-unfinished takes runs as far as they have come",
-        "has no run": "--allow-unfinished leaves out jobs without a run",
-        " lacks seed ": "--seeds common leaves out what not every arm has finished",
-        " times: ": "--duplicates newest takes the newest finished run",
-        ", but ": "--arms compares runs by such a key, --ignore passes over it",
-        "several motions": "--motion NAME takes the runs of one",
-        " is not empty": "--force replaces the tables in it",
-    }
-    lines = problems.splitlines()
-    hints = [hint for sign, hint in arguments.items() if any(sign in line for line in lines)]
-    return "\n".join([*lines, *(f"({hint})" for hint in hints)])
+        hints = [hint for remedy, hint in _ADVICE.items() if remedy in error.remedies]
+        problems = "\n".join([str(error), *(f"({hint})" for hint in hints)])
+        raise StudyError(problems, *error.remedies) from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -19,6 +19,7 @@ from analysis.data.settings import (
     unknown_keys,
 )
 from analysis.data.study import (
+    Remedy,
     Study,
     StudyError,
     arm_order,
@@ -70,19 +71,32 @@ def checked(
         raise StudyError("\n".join(problems))
     found: list[Labelled] = list(zip(arm_labels(records, arm_keys), records, strict=True))
     runs, notes = _chosen(found, allow_unfinished, seeds, duplicates)
-    problems = [
-        *([] if runs else ["no run is left to compare", *notes]),
-        *_unfinished_problems(runs, allow_unfinished),
-        *_duplicate_problems(runs),
-        *_seed_problems(runs),
-        *differences([run for _, run in runs], arm_keys, [*NOT_IDENTITY, *ignore]),
-    ]
-    if problems:
-        raise StudyError("\n".join(problems))
+    more = not (allow_unfinished or all(map(is_finished, records)))
+    nothing = [] if runs else ["no run is left to compare", *notes]
+    differ = differences([run for _, run in runs], arm_keys, [*NOT_IDENTITY, *ignore])
+    _refuse(
+        [
+            (Remedy.UNFINISHED if more else None, nothing),
+            (Remedy.UNFINISHED, [] if allow_unfinished else _unfinished_problems(runs)),
+            (None, _damaged_problems(runs, allow_unfinished)),
+            (Remedy.NEWEST, _duplicate_problems(runs)),
+            (Remedy.COMMON_SEEDS, _seed_problems(runs)),
+            (Remedy.KEYS, differ),
+        ]
+    )
     notes += [*_notes([run for _, run in runs], ignore)]
     order = arm_order([arm for arm, _ in runs])
     runs.sort(key=lambda labelled: (order.index(labelled[0]), labelled[1].seed))
     return study_from(runs, baseline=baseline, notes=tuple(notes))
+
+
+def _refuse(found: Iterable[tuple[Remedy | None, Iterable[str]]]) -> None:
+    """Raise all problems at once, if there are any, with what would take such runs all the same."""
+    listed = [(remedy, [*problems]) for remedy, problems in found]
+    lines = [line for _, problems in listed for line in problems]
+    if lines:
+        remedies = [remedy for remedy, problems in listed if remedy and problems]
+        raise StudyError("\n".join(lines), *remedies)
 
 
 def _of_one_motion(
@@ -97,7 +111,9 @@ def _of_one_motion(
     if motion and motion not in motions:
         raise StudyError(f"no run has the motion {motion!r}; there are {', '.join(motions)}")
     if not motion and len(motions) > 1 and {"env", "env.motion"} & set(arm_keys):
-        raise StudyError(f"runs of several motions cannot be compared: {', '.join(motions)}")
+        raise StudyError(
+            f"runs of several motions cannot be compared: {', '.join(motions)}", Remedy.ONE_MOTION
+        )
     return [record for record in records if not motion or record.motion == motion]
 
 
@@ -114,14 +130,14 @@ def rechecked(study: Study) -> Study:
     records = records_of(study)
     keys = {key for record in records for key in flat(record.comparable)}
     noted = [key for key in keys if any(note.startswith(f"{key} differs") for note in study.notes)]
-    problems = [
+    unfinished = [
         f"{run.name}: {_state(run)}"
         for run in records
         if not is_finished(run) and not any(n.startswith(f"{run.name} is ") for n in study.notes)
     ]
-    problems += differences(records, labelled_keys(records, study.arms), [*NOT_IDENTITY, *noted])
-    if problems:
-        raise StudyError("\n".join(problems))
+    arms = labelled_keys(records, study.arms)
+    differ = differences(records, arms, [*NOT_IDENTITY, *noted])
+    _refuse([(Remedy.UNFINISHED, unfinished), (Remedy.KEYS, differ)])
     seeds = [*_seed_problems([*zip(study.runs["arm"], records, strict=True)])]
     return replace(study, notes=tuple(dict.fromkeys([*study.notes, *seeds])))
 
@@ -204,13 +220,17 @@ def _name_problems(records: Sequence[RunRecord]) -> Iterator[str]:
             yield f"{name}: {len(runs)} different runs have this name: {ids}"
 
 
-def _unfinished_problems(runs: Sequence[Labelled], allow_unfinished: bool) -> Iterator[str]:
+def _unfinished_problems(runs: Sequence[Labelled]) -> Iterator[str]:
+    for _, run in runs:
+        if run.status in STATUSES and not is_finished(run):
+            yield f"{run.name}: {_state(run)}"
+
+
+def _damaged_problems(runs: Sequence[Labelled], allow_unfinished: bool) -> Iterator[str]:
     for _, run in runs:
         if run.status not in STATUSES:
             yield f"{run.name}: status {run.status!r}; known are {', '.join(STATUSES)}"
-        elif not is_finished(run) and not allow_unfinished:
-            yield f"{run.name}: {_state(run)}"
-        else:
+        elif allow_unfinished or is_finished(run):
             found = run.curve[ITERATION].to_numpy()
             yield from iteration_problems(run.name, found, run.iterations, run.status)
 

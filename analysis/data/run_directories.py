@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from analysis.data.runs import RunRecord, curve_from_rows, run_record
-from analysis.data.study import StudyError
+from analysis.data.study import Remedy, StudyError
 from tlr_exp.records.directory import RecordError
 from tlr_exp.records.metrics_file import WALL_TIME
 from tlr_exp.records.run_directory import RunDirectory
@@ -29,10 +29,13 @@ def from_run_directories(
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     runs: dict[Path, RunDirectory] = {}
     records, problems = [], []
+    remedies: tuple[Remedy, ...] = ()
     for path in map(Path, given):
         if SweepDirectory(path).manifest_path.is_file():
             found, lacking = runs_of_sweep(path)
-            problems += [] if allow_unfinished else lacking
+            if lacking and not allow_unfinished:
+                problems += lacking
+                remedies = (Remedy.WITHOUT_RUN,)
         else:
             found = RunDirectory.find(path)
         if not found:
@@ -45,7 +48,7 @@ def from_run_directories(
         except StudyError as error:
             problems.append(str(error))
     if problems:
-        raise StudyError("\n".join(problems))
+        raise StudyError("\n".join(problems), *remedies)
     return records
 
 

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,27 @@ NUMBER_COLUMNS = ("seed", "num_envs", "iterations", "control_steps")
 CURVE_KEYS = (RUN, "arm", "seed", ITERATION)
 
 
+class Remedy(Enum):
+    """What can be asked for, so that what is refused is taken all the same."""
+
+    UNFINISHED = auto()  # take runs as far as they have come
+    WITHOUT_RUN = auto()  # leave out jobs that have no run
+    COMMON_SEEDS = auto()  # leave out what not every arm has finished
+    NEWEST = auto()  # of several runs of an arm and seed take the newest
+    KEYS = auto()  # compare by a key, or pass over it
+    ONE_MOTION = auto()  # take the runs of one motion alone
+    REPLACE = auto()  # replace what is there
+
+
 class StudyError(UserError):
-    """The data are no usable study; each line of the message names one problem."""
+    """The data are no usable study; each line of the message names one problem.
+
+    ``remedies``: what could be asked for all the same.
+    """
+
+    def __init__(self, problems: str, *remedies: Remedy) -> None:
+        super().__init__(problems)
+        self.remedies = remedies
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from analysis.data.starts import STARTS, csv_of_starts, of_runs, parse_starts, read_starts
-from analysis.data.study import CURVE_KEYS, RUN, Study, StudyError
+from analysis.data.study import CURVE_KEYS, RUN, Remedy, Study, StudyError
 from tlr_exp.records.directory import MANIFEST, TABLE_SUFFIX
 from tlr_exp.records.provenance import package_versions
 from tlr_exp.records.storage import json_bytes, write_through
@@ -143,7 +143,9 @@ def is_occupied(folder: Path, force: bool = False) -> bool:
         raise StudyError(f"{folder} is a file; give the name of a folder")
     occupied = folder.is_dir() and any(folder.iterdir())
     if occupied and not force:
-        raise StudyError(f"{folder} is not empty; choose another folder, or force it")
+        raise StudyError(
+            f"{folder} is not empty; choose another folder, or force it", Remedy.REPLACE
+        )
     return occupied
 
 

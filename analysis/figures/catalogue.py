@@ -5,14 +5,12 @@ from analysis.figures.drawing import FigureSpec
 from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.forest import figure_forest
 from analysis.figures.improvement import figure_8
-from analysis.figures.optimum import figure_optimum
-from analysis.figures.overhead import figure_15
 from analysis.figures.seeds import figure_profile, figure_seeds
 from analysis.figures.tracking import figure_6, figure_7, figure_13
 from analysis.figures.tradeoff import figure_tradeoff
 from analysis.figures.trend import figure_trend
-from analysis.figures.wall_clock import figure_wall_clock
-from analysis.figures.weights import figure_14
+from analysis.figures.wall_clock import figure_15, figure_wall_clock
+from analysis.figures.weights import figure_14, figure_optimum
 
 ALL_FIGURES: tuple[FigureSpec, ...] = (
     FigureSpec("figure_06_episode_length", "Figure 6", figure_6),

@@ -108,11 +108,11 @@ def _difference_text(study: Study, found: Sequence[CurveComparison]) -> str:
     text = (
         f"Difference of the seed-averaged tracking error, arm less {pretty_arm(study.baseline)}, "
         "in metres; below 0 the arm tracks better. Grey: the largest difference that a "
-        f"permutation of the labels of the seeds makes in {1 - alpha:.0%} of the cases anywhere on "
-        f"the curve (maximum statistic of Welch's t over all iterations, {labelings} "
+        f"permutation of the labels of the seeds makes in {100 * (1 - alpha):.0f} % of the cases "
+        f"anywhere on the curve (maximum statistic of Welch's t over all iterations, {labelings} "
         f"{found[0].num_labelings} labelings). Blue: iterations where the difference exceeds it. "
         "p: of the whole curve."
-    ).replace("%", " %")
+    )
     smallest = max(result.smallest_p for result in found)
     if smallest > alpha:
         text += (

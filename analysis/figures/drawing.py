@@ -19,7 +19,7 @@ class NotDrawnError(UserError):
 class Drawing:
     """A figure with all that a page needs beside it.
 
-    figure: Matplotlib figure; write it with ``style.save`` or ``style.render``.
+    figure: Matplotlib figure; ``style.render`` makes files of it.
     title: a few words, no full stop.
     caption: what is plotted, units, number of seeds, scale of the run, what a band is, smoothing.
     stem: name of its files without suffix.

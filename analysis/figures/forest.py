@@ -149,17 +149,13 @@ def _what(rows: Sequence[ForestRow]) -> str:
     difference = rows[0].comparison.difference
     first = rows[0].comparison
     text = (
-        (
-            "Relative improvement of the mean over seeds against the baseline, in per cent, with "
-            f"its {interval.confidence:.0%} confidence interval ({interval.method}). At the right: "
-            "difference, arm less baseline, in the unit of the metric with its interval "
-            f"({difference.method}) and the p-value of the permutation test of seeds, not "
-            "corrected for the number of metrics; so many seeds cannot give a p below "
-            f"{first.smallest_p:.2g}. Metrics of the training: mean over the last 20 % of the "
-            "iterations; of the evaluation: the last one."
-        )
-        .replace("0%", "0 %")
-        .replace("5%", "5 %")
+        "Relative improvement of the mean over seeds against the baseline, in per cent, with its "
+        f"{100 * interval.confidence:.0f} % confidence interval ({interval.method}). At the right: "
+        "difference, arm less baseline, in the unit of the metric with its interval "
+        f"({difference.method}) and the p-value of the permutation test of seeds, not corrected "
+        f"for the number of metrics; so many seeds cannot give a p below {first.smallest_p:.2g}. "
+        "Metrics of the training: mean over the last 20 % of the iterations; of the evaluation: "
+        "the last one."
     )
     if not any(np.isfinite(row.comparison.relative_improvement.low) for row in rows):
         text += f" No intervals: {interval.reason}."

@@ -7,11 +7,9 @@ inside ``matplotlib.style.context``, on top of Matplotlib's own defaults.
 """
 
 import io
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
@@ -193,32 +191,3 @@ def render(figure: Figure, file_format: Format) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=file_format, dpi=PNG_DPI, metadata=_METADATA[file_format])
     return buffer.getvalue()
-
-
-def save(
-    figure: Figure, stem: Path, vector: Literal["svg", "pdf"] = "svg", overwrite: bool = False
-) -> tuple[Path, Path]:
-    """Write a figure as a vector file and as PNG; returns both paths.
-
-    Args:
-        figure: what to write.
-        stem: path without suffix; its folder is made if it is missing.
-        vector: ``svg`` for a page, ``pdf`` for LaTeX.
-        overwrite: whether files of this name may be replaced.
-
-    Raises:
-        FileExistsError: a file is there and ``overwrite`` is false.
-    """
-    paths = (stem.with_name(f"{stem.name}.{vector}"), stem.with_name(f"{stem.name}.png"))
-    present = [str(path) for path in paths if path.exists()]
-    if present and not overwrite:
-        raise FileExistsError(
-            f"{', '.join(present)}: there already; pass overwrite=True to replace"
-        )
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    formats: tuple[Format, Format] = (vector, "png")
-    for path, file_format in zip(paths, formats, strict=True):
-        beside = path.with_name(f".{path.name}.{os.getpid()}")
-        beside.write_bytes(render(figure, file_format))
-        beside.replace(path)
-    return paths

@@ -7,6 +7,10 @@ from tlr_exp.env.terms import TERMS
 
 # What the training of an arm is judged by.
 TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
+# Seconds: of an iteration, of its weight search, of the evaluation in it.
+ITERATION_S, WEIGHTS_S, EVALUATE_S = (
+    f"{keys.TIME_PREFIX}{phase}_s" for phase in ("iteration", "weights", "evaluate")
+)
 
 
 @dataclass(frozen=True)

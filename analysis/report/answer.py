@@ -14,12 +14,10 @@ from analysis.measures.quantities import COST, COST_OF_ROLL_OUT, quantity
 from analysis.measures.rollouts import Rollouts
 from analysis.measures.tradeoff import BODIES as ERRORS
 from analysis.report.cells import NBSP, interval_text
-from analysis.report.claims import Claim
-from analysis.report.evidence import Evidence
-from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
-from analysis.report.maturity import CLAIMED, moving_text, untracked_text
-from analysis.report.protocol_tables import BODIES
-from analysis.report.verdicts import Verdict
+from analysis.report.evidence import BODIES, Evidence
+from analysis.report.judging.claims import Judged
+from analysis.report.judging.judges import PAPER_CONTROL_STEPS
+from analysis.report.judging.verdicts import CLAIMED, Verdict, moving_text, untracked_text
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.results import Interval
 from tlr_exp import keys
@@ -27,7 +25,6 @@ from tlr_exp.config.nested import value_at
 
 # Per cent, five seeds, Figure 13.
 PAPER_IMPROVEMENT = {keys.TRAIN_UPPER_BODY_ERROR: 4.25, keys.TRAIN_LOWER_BODY_ERROR: 4.98}
-Judged = Sequence[tuple[Claim, Finding]]
 
 # The figures that can carry an answer, the best first.
 CARRIERS = ("tradeoff", "figure_13_seed_bands", "forest")
@@ -178,14 +175,20 @@ def _counts(judged: Judged) -> str:
 # --- the longer list -------------------------------------------------------------------------
 def summary(evidence: Evidence, judged: Judged) -> Iterator[str]:
     """What is behind the answer, a sentence each, and the notes of the study."""
+    baseline, treatment = evidence.labels
+    which_is_better = (
+        f"{treatment} is better.",
+        f"{baseline} is better.",
+        "These seeds do not tell the arms apart.",
+    )
     for metric, claimed in PAPER_IMPROVEMENT.items():
         interval = evidence.relative_improvement(metric)
         text = interval_text(interval, 1, percent=True)
         theirs = f" (the paper: +{claimed} %). {support(interval)}" if judged else ""
         yield (
             f"{quantity(metric).name}, mean over training: relative improvement of "
-            f"{evidence.labels[1]} over {evidence.labels[0]} "
-            f"{text}{theirs or '. ' + conclusion(interval, evidence)}"
+            f"{treatment} over {baseline} "
+            f"{text}{theirs or '. ' + support(interval, which_is_better)}"
         )
     if judged:
         yield f"Of {len(judged)} claims of the paper: {_counts(judged)}."
@@ -199,26 +202,21 @@ def summary(evidence: Evidence, judged: Judged) -> Iterator[str]:
     yield from evidence.study.notes
 
 
-def support(interval: Interval) -> str:
-    """In plain words, whether the seeds show the improvement that the paper reports."""
+_SUPPORT = (
+    "These data support an improvement.",
+    "These data do not support the paper: the two-layered arm is worse.",
+    "These data do not support the paper: they do not tell the arms apart.",
+)
+
+
+def support(interval: Interval, words: tuple[str, str, str] = _SUPPORT) -> str:
+    """In plain words, whether the seeds show that the second arm is better, worse, or neither."""
+    better, worse, untold = words
     if math.isnan(interval.low):
         return f"Nothing can be concluded: {interval.reason}."
     if interval.low > 0:
-        return "These data support an improvement."
-    if interval.high < 0:
-        return "These data do not support the paper: the two-layered arm is worse."
-    return "These data do not support the paper: they do not tell the arms apart."
-
-
-def conclusion(interval: Interval, evidence: Evidence) -> str:
-    """In plain words, which of two arms the seeds show to be the better one."""
-    if math.isnan(interval.low):
-        return f"Nothing can be concluded: {interval.reason}."
-    if interval.low > 0:
-        return f"{evidence.labels[1]} is better."
-    if interval.high < 0:
-        return f"{evidence.labels[0]} is better."
-    return "These seeds do not tell the arms apart."
+        return better
+    return worse if interval.high < 0 else untold
 
 
 def subtitle(study: Study) -> str:

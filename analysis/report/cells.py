@@ -26,6 +26,11 @@ class Table:
     note: str = ""
 
 
+def spread_text(mean: float, std: float, digits: int) -> str:
+    """Mean ± standard deviation; of a single value n/a for the latter."""
+    return f"{mean:.{digits}f}{NBSP}±{NBSP}{number(std, digits)}"
+
+
 def p_text(test: SignificanceTest) -> str:
     """A p-value as text; n/a where the data allow none."""
     return p_value_text(test.p_value)

@@ -1,4 +1,4 @@
-"""Tables of how two arms compare: claims, seeds, tests, whole curves, speed."""
+"""Tables of how two arms compare: seeds, tests, whole curves, speed, the lower layer."""
 
 import math
 from collections.abc import Sequence
@@ -6,8 +6,10 @@ from itertools import count
 
 import numpy as np
 
+from analysis.data.study import StudyError
 from analysis.measures.endpoints import iterations_to_reach, tail_mean
 from analysis.measures.quantities import TRAINING, quantity
+from analysis.measures.tradeoff import tradeoff_of
 from analysis.report.cells import (
     MISSING,
     NBSP,
@@ -16,37 +18,18 @@ from analysis.report.cells import (
     number,
     p_text,
     p_value_text,
+    spread_text,
 )
-from analysis.report.claims import Claim
 from analysis.report.evidence import SEED, Evidence
-from analysis.report.judges import Finding
-from analysis.report.maturity import TRACKS
+from analysis.report.judging.verdicts import ALPHA
 from analysis.report.outcomes import EVALUATION, Outcome
-from analysis.report.protocol_tables import against
+from analysis.statistics.comparison import Comparison
 from analysis.statistics.curves import compare_curves
-from analysis.statistics.significance import holm, smallest_p
+from analysis.statistics.intervals import difference_interval
+from analysis.statistics.pareto import compare_areas
+from analysis.statistics.significance import holm, permutation, smallest_p
 
-ALPHA = 0.05
 SMOOTHING_SHARE = 0.02  # of training, before a curve is held against a level
-
-
-def claims_table(judged: Sequence[tuple[Claim, Finding]]) -> Table:
-    """The paper's number beside ours, and a verdict, for every claim."""
-    rows = tuple(
-        (c.statement, f"{c.paper} ({c.source})", f.ours, f.verdict.value, f.reason)
-        for c, f in judged
-    )
-    return Table(
-        "The paper's claims",
-        ("claim", "paper", "ours", "verdict", "why"),
-        rows,
-        "Brackets hold 95 % intervals with the seed as the unit. Each claim is judged by itself: "
-        "nothing is adjusted for their number. Claims about policies that track are judged where "
-        f"in one arm at least {100 * TRACKS:.0f} % of the roll-outs succeed (else: the motion is "
-        "survived; without either: no error still falls by more than 5 % in the last fifth); a "
-        "difference that another training as long would take away, by the slopes of "
-        "the last fifth, is no verdict.",
-    )
 
 
 def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
@@ -62,24 +45,27 @@ def seeds_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
         "and P(better), the share of pairs of runs in which the second arm's is the better one, is "
         "above 0.5 where the second arm is better."
     )
-    return Table(f"Means: {against(evidence)}", header, rows, note)
+    return Table(f"Means: {evidence.versus}", header, rows, note)
 
 
 def _seeds_row(outcome: Outcome) -> tuple[str, ...]:
     c, digits = outcome.unpaired, outcome.digits
-    unit = f" ({outcome.shown.unit})" if outcome.shown.unit else ""
-    arms = (c.baseline, c.treatment)
-    means = (
-        f"{arm.mean.estimate:.{digits}f}{NBSP}±{NBSP}{number(arm.std, digits)}" for arm in arms
-    )
     return (
-        f"{outcome.name}{unit}",
-        *means,
-        interval_text(c.difference, digits),
-        interval_text(c.relative_improvement, 1, percent=True),
+        *_means(outcome, c),
         interval_text(c.effect_size, 2),
         number(c.probability_of_improvement, 2),
-        " / ".join(number(arm.interquartile_mean, digits) for arm in arms),
+        " / ".join(number(arm.interquartile_mean, digits) for arm in (c.baseline, c.treatment)),
+    )
+
+
+def _means(outcome: Outcome, c: Comparison) -> tuple[str, ...]:
+    """Measure, mean of either arm, their difference, and the improvement."""
+    digits, unit = outcome.digits, f" ({outcome.shown.unit})" if outcome.shown.unit else ""
+    return (
+        f"{outcome.name}{unit}",
+        *(spread_text(arm.mean.estimate, arm.std, digits) for arm in (c.baseline, c.treatment)),
+        interval_text(c.difference, digits),
+        interval_text(c.relative_improvement, 1, percent=True),
     )
 
 
@@ -94,7 +80,7 @@ def tests_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
         *("measure", "Welch t", "Welch t, Holm", "permutation", "permutation, Holm"),
         *("Mann-Whitney", "paired t", "sign flips", "Wilcoxon", "seeds for 80 % power"),
     )
-    return Table(f"Tests: {against(evidence)}", header, rows, _tests_note(evidence, found))
+    return Table(f"Tests: {evidence.versus}", header, rows, _tests_note(evidence, found))
 
 
 def _tests_row(outcome: Outcome, welch: float, permutation: float) -> tuple[str, ...]:
@@ -175,6 +161,65 @@ def _left_out(evidence: Evidence) -> list[str]:
     return [f"Without an iteration in which all runs have it: {_list(absent)}"] if absent else []
 
 
+def same_phase_table(evidence: Evidence, found: Sequence[Outcome]) -> Table:
+    """Errors of the roll-outs from which both arms stay upright, paired by seed and phase."""
+    rows = tuple(_same_phase_row(outcome) for outcome in found)
+    header = (
+        *("measure", *evidence.labels, "difference", "improvement"),
+        *("paired t", "sign flips"),
+    )
+    note = (
+        "Means ± standard deviation over seeds of a seed's mean over those phases from which both "
+        "its policies stay upright to the end. Means over all upright roll-outs of each arm would "
+        "compare different phases: the hard ones in the arm that falls less."
+    )
+    title = f"Both upright, same seed and same phase: {evidence.versus}"
+    return Table(title, header, rows, note)
+
+
+def _same_phase_row(outcome: Outcome) -> tuple[str, ...]:
+    c = outcome.paired or outcome.unpaired
+    return (*_means(outcome, c), p_text(c.t_test), p_text(c.permutation_test))
+
+
+def area_table(evidence: Evidence) -> Table | None:
+    """What each arm dominates in tracking error and lower-layer cost; None where unknown."""
+    try:
+        points = tradeoff_of(evidence.study).points
+    except StudyError:
+        return None
+    if not {evidence.baseline, evidence.treatment} <= set(points):
+        return None
+    first, second = points[evidence.baseline], points[evidence.treatment]
+    generator = np.random.default_rng(SEED)
+    areas = compare_areas(first, second, generator=generator)
+    alone = areas.of_runs
+    rows = (
+        (
+            "the front of all seeds of an arm",
+            number(areas.baseline, 3),
+            number(areas.treatment, 3),
+            f"{areas.test.statistic:+.3f}" if np.isfinite(areas.test.statistic) else "n/a",
+            p_text(areas.test),
+        ),
+        (
+            "each run alone, mean over seeds",
+            *(number(float(each.mean()), 3) for each in alone),
+            interval_text(difference_interval(*alone), 3),
+            p_text(permutation(*alone, generator=generator)),
+        ),
+    )
+    note = (
+        "The area that lies behind the runs in the plane of mean tracking error and lower-layer "
+        "cost (hypervolume), as a share of the box from the best of each to a tenth of the range "
+        "beyond the worst; larger is better. p: permutation of the seeds between the arms, not "
+        "adjusted. Area does not say what is worth more: an arm that tracks better at a higher "
+        "cost can gain or lose it; see both axes."
+    )
+    title = f"Tracking and lower layer together: {evidence.versus}"
+    return Table(title, ("area", *evidence.labels, "difference", "p"), rows, note)
+
+
 def curves_table(evidence: Evidence) -> Table:
     """Whole curves, compared by permuting the labels of the seeds."""
     rows, note = [], ""
@@ -198,7 +243,7 @@ def curves_table(evidence: Evidence) -> Table:
                 "here, whatever the curves."
             )
     header = ("curve", "p, anywhere", "iterations that differ", "from the first to the last")
-    return Table(f"Whole curves: {against(evidence)}", header, tuple(rows), note)
+    return Table(f"Whole curves: {evidence.versus}", header, tuple(rows), note)
 
 
 def speed_table(evidence: Evidence) -> Table:
@@ -218,7 +263,7 @@ def speed_table(evidence: Evidence) -> Table:
         "Median over the seeds that got there. The level is the first arm's mean over the last "
         "20 %; a curve reaches it when its mean over 2 % of training is as good."
     )
-    title = f"Iterations to reach a level: {against(evidence)}"
+    title = f"Iterations to reach a level: {evidence.versus}"
     return Table(title, ("level", *evidence.labels), tuple(rows), note)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import json
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import product
 from typing import Any
 
 from matplotlib.backends.backend_pdf import PdfPages
@@ -19,16 +21,16 @@ from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render, styled
 from analysis.report import answer, sections
-from analysis.report.answer import CARRIERS, Judged
-from analysis.report.claims import findings
+from analysis.report.answer import CARRIERS
 from analysis.report.evidence import Evidence
+from analysis.report.judging.claims import Judged, findings
 from analysis.report.latex import latex_table
-from analysis.report.repeat import one_command
 from analysis.report.sections import Found, Picture, Section, found_in
 from analysis.statistics.nulls import FalsePositiveRates
 from tlr_exp.config.nested import value_at
 
 Progress = Callable[[str], None]
+_PROGRAMS = {"train.py": "tlr-train"}  # as the command calls itself where it is run as a file
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def gather(
     if command and not isinstance(commands, str) and not _names_recipe(study):
         command += " recipe=paper"  # all that there was before a recipe had a name
     return Report(
-        title=f"{evidence.labels[1]} against {evidence.labels[0]}",
+        title=evidence.versus,
         subtitle=answer.subtitle(study),
         banner=answer.banner(study),
         answer=answer.answer(evidence, judged),
@@ -149,6 +151,47 @@ def draw_all(
     return tuple(pictures), tuple(missing), buffer.getvalue()
 
 
+# --- the command that repeats it --------------------------------------------------------------
+def one_command(commands: Sequence[str]) -> str:
+    """The sweep that starts the same runs as ``commands`` do; empty where no one command does.
+
+    Overrides in which the commands differ become lists, "seed=0,1,2", if the commands are every
+    combination of their values. Of commands that are all the same, that one.
+    """
+    split = [_words(command) for command in dict.fromkeys(commands)]
+    if not split or any(words is None for words in split):
+        return ""
+    programs, overrides = zip(*filter(None, split), strict=True)
+    names = [list(each) for each in overrides]
+    if len(set(programs)) > 1 or any(each != names[0] for each in names):
+        return ""
+    if len(split) == 1:
+        return commands[0]
+    values = {name: [*dict.fromkeys(each[name] for each in overrides)] for name in names[0]}
+    made = {tuple(each.values()) for each in overrides}
+    if made != set(product(*values.values())):
+        return ""
+    words = [f"{name}={','.join(each)}" for name, each in values.items()]
+    return shlex.join([*shlex.split(programs[0]), "-m", *words])
+
+
+def _words(command: str) -> tuple[str, dict[str, str]] | None:
+    """Program (with its flags) and overrides of a command; None where it is not of that form."""
+    try:
+        first, *rest = shlex.split(command)
+    except ValueError:
+        return None
+    flags = [word for word in rest if word.startswith("-")]
+    pairs = [word.partition("=") for word in rest if not word.startswith("-")]
+    if any(not equals for _, equals, _ in pairs) or len({name for name, _, _ in pairs}) < len(
+        pairs
+    ):
+        return None
+    program = shlex.join([_PROGRAMS.get(first, first), *flags])
+    return program, {name: value for name, _, value in pairs}
+
+
+# --- for programs and for papers --------------------------------------------------------------
 def _latex(evidence: Evidence, found: Found) -> str:
     source = evidence.rollouts_with_terms
     groups = (

@@ -16,8 +16,10 @@ from analysis.statistics.comparison import Comparison, compare
 from analysis.statistics.intervals import difference_interval, relative_improvement_interval
 from analysis.statistics.paper import PaperAnalysis, paper_analysis
 from analysis.statistics.results import Array, Interval
+from tlr_exp import keys
 from tlr_exp.keys import ITERATION
 
+BODIES = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR)
 PREFERRED_TREATMENT = "gwo"
 SEED = 0  # of the draws that tests of many seeds need
 MOST_AUTOCORRELATION = 0.999
@@ -57,6 +59,12 @@ class Evidence:
     def labels(self) -> tuple[str, str]:
         """The names of both arms for readers."""
         return pretty_arm(self.baseline), pretty_arm(self.treatment)
+
+    @property
+    def versus(self) -> str:
+        """Both arms for a title, the treatment first."""
+        baseline, treatment = self.labels
+        return f"{treatment} against {baseline}"
 
     @property
     def metric_names(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from analysis.report.cells import NBSP, interval_text, number, p_value_text
+from analysis.report.cells import NBSP, interval_text, p_value_text, spread_text
 from analysis.report.evidence import Evidence
 from analysis.report.outcomes import Outcome
 from analysis.statistics.significance import holm
@@ -58,10 +58,8 @@ def _cells(found: Sequence[Outcome]) -> list[list[str]]:
     for outcome, p_welch, p_exact in zip(found, welch, exact, strict=True):
         c, digits = outcome.unpaired, outcome.digits
         unit = f" ({outcome.shown.unit})" if outcome.shown.unit else ""
-        means = (
-            f"{arm.mean.estimate:.{digits}f} ± {number(arm.std, digits)}"
-            for arm in (c.baseline, c.treatment)
-        )
+        arms = (c.baseline, c.treatment)
+        means = (spread_text(arm.mean.estimate, arm.std, digits).replace(NBSP, " ") for arm in arms)
         difference = interval_text(c.difference, digits)
         p_values = p_value_text(p_welch), p_value_text(p_exact)
         rows.append([f"{outcome.name}{unit}", *means, difference, *p_values])

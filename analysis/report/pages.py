@@ -13,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.report.content import Report
-from analysis.report.verdicts import Verdict
+from analysis.report.judging.verdicts import Verdict
 from tlr_exp.errors import UserError
 
 PAGE, MARKDOWN, NUMBERS, FIGURES = "report.html", "report.md", "statistics.json", "figures"

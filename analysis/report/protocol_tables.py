@@ -4,13 +4,12 @@ from collections.abc import Mapping
 
 from analysis.measures.quantities import quantity
 from analysis.report.cells import NBSP, Table, number, p_text, p_value_text
-from analysis.report.evidence import Evidence
+from analysis.report.evidence import BODIES, Evidence
 from analysis.statistics.nulls import EXTREME_P, FalsePositiveRates
 from analysis.statistics.significance import paired_t
 from analysis.statistics.units import needed_effect, over_stretches
 from tlr_exp import keys
 
-BODIES = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR)
 PAPER_P = {keys.TRAIN_UPPER_BODY_ERROR: 1.72e-9, keys.TRAIN_LOWER_BODY_ERROR: 6.00e-13}
 STRETCHES = (5, 10, 15, 20, 50, 100, 500)
 
@@ -41,7 +40,7 @@ def protocol_table(evidence: Evidence) -> Table:
         "asks whether these averaged curves differ on average, which the curves of any two groups "
         "of seeds do, and it takes neighbouring iterations for independent, which they are not."
     )
-    return Table(f"The analysis over iterations: {against(evidence)}", header, tuple(rows), note)
+    return Table(f"The analysis over iterations: {evidence.versus}", header, tuple(rows), note)
 
 
 def units_table(evidence: Evidence) -> Table:
@@ -71,7 +70,7 @@ def units_table(evidence: Evidence) -> Table:
         "then over stretches of training; it falls as the same curves are cut into more pairs, "
         "whatever the seeds say."
     )
-    return Table(f"Which pairs give such p-values: {against(evidence)}", header, tuple(rows), note)
+    return Table(f"Which pairs give such p-values: {evidence.versus}", header, tuple(rows), note)
 
 
 def _seeds_row(evidence: Evidence, curves: Mapping[str, tuple]) -> tuple[str, ...]:
@@ -114,9 +113,3 @@ def false_positive_table(rates: Mapping[str, FalsePositiveRates]) -> Table:
     )
     header = (f"test at {of_any.alpha:g}", *(f"{quantity(m).name}: called" for m in rates))
     return Table("False alarms under a true null", header, rows, note)
-
-
-def against(evidence: Evidence) -> str:
-    """The two arms for a title, the treatment first."""
-    baseline, treatment = evidence.labels
-    return f"{treatment} against {baseline}"

@@ -8,17 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.data.study import Study
+from analysis.measures.quantities import ITERATION_S, quantity_of_roll_out
 from analysis.measures.swept import sweep_of
-from analysis.report import (
-    comparison_tables,
-    protocol_tables,
-    rollout_tables,
-    run_tables,
-    sweep_tables,
-)
-from analysis.report.answer import Judged
+from analysis.report import comparison_tables, protocol_tables, study_tables
 from analysis.report.cells import Table, duration
-from analysis.report.evidence import SEED, Evidence, seed_noise
+from analysis.report.evidence import BODIES, SEED, Evidence, seed_noise
+from analysis.report.judging.claims import Judged, claims_table
 from analysis.report.outcomes import (
     Outcome,
     lower_layer_outcomes,
@@ -27,7 +22,6 @@ from analysis.report.outcomes import (
     tracking_outcomes,
 )
 from analysis.statistics.nulls import FalsePositiveRates, false_positive_rates
-from tlr_exp import keys
 
 SEEDS_TEXT = (
     "A method is judged by what it does on a new seed, so the seed is the unit: one number per "
@@ -107,7 +101,7 @@ def null_rates(evidence: Evidence) -> dict[str, FalsePositiveRates]:
     By tracking error: number of seeds and iterations, autocorrelation of neighbouring iterations
     and the spread between seeds are those of this study's curves of it.
     """
-    return {metric: _null_rates(evidence, metric) for metric in protocol_tables.BODIES}
+    return {metric: _null_rates(evidence, metric) for metric in BODIES}
 
 
 def _null_rates(evidence: Evidence, metric: str) -> FalsePositiveRates:
@@ -125,7 +119,7 @@ def _null_rates(evidence: Evidence, metric: str) -> FalsePositiveRates:
 
 def claims_section(judged: Judged) -> Iterator[Section]:
     if judged:
-        yield Section("claims", "Claims", tables=(comparison_tables.claims_table(judged),))
+        yield Section("claims", "Claims", tables=(claims_table(judged),))
 
 
 def seeds_section(study: Study, found: Mapping[str, Found]) -> Section:
@@ -133,12 +127,16 @@ def seeds_section(study: Study, found: Mapping[str, Found]) -> Section:
     for arm, of_arm in found.items():
         evidence = Evidence(study, arm)
         content += [
-            comparison_tables.seeds_table(evidence, of_arm.training),
-            comparison_tables.tests_table(evidence, of_arm.training),
+            *_means_and_tests(evidence, of_arm.training),
             comparison_tables.curves_table(evidence),
             comparison_tables.speed_table(evidence),
         ]
     return Section("seeds", "The seed as the unit", (SEEDS_TEXT,), tuple(content))
+
+
+def _means_and_tests(evidence: Evidence, found: list[Outcome]) -> list[Table]:
+    tables = comparison_tables.seeds_table, comparison_tables.tests_table
+    return [table(evidence, found) for table in tables]
 
 
 def tracking_section(study: Study, found: Mapping[str, Found]) -> Iterator[Section]:
@@ -147,12 +145,9 @@ def tracking_section(study: Study, found: Mapping[str, Found]) -> Iterator[Secti
     for arm, of_arm in found.items():
         evidence = Evidence(study, arm)
         if of_arm.tracking:
-            content += [
-                comparison_tables.seeds_table(evidence, of_arm.tracking),
-                comparison_tables.tests_table(evidence, of_arm.tracking),
-            ]
+            content += _means_and_tests(evidence, of_arm.tracking)
         if of_arm.same_phase:
-            content.append(rollout_tables.same_phase_table(evidence, of_arm.same_phase))
+            content.append(comparison_tables.same_phase_table(evidence, of_arm.same_phase))
     if content:
         source = Evidence(study).rollouts
         said = f"Measured on {source.source}." if source else ""
@@ -166,21 +161,34 @@ def lower_layer_section(study: Study, found: Mapping[str, Found]) -> Section:
     content = []
     for arm, of_arm in found.items():
         evidence = Evidence(study, arm)
-        area = rollout_tables.area_table(evidence)
+        area = comparison_tables.area_table(evidence)
         content += [] if area is None else [area]
         if of_arm.lower_layer:
-            content += [
-                comparison_tables.seeds_table(evidence, of_arm.lower_layer),
-                comparison_tables.tests_table(evidence, of_arm.lower_layer),
-            ]
-    words = (LOWER_LAYER_TEXT, rollout_tables.cost_note(Evidence(study)))
+            content += _means_and_tests(evidence, of_arm.lower_layer)
+    words = (LOWER_LAYER_TEXT, _cost_note(Evidence(study)))
     return Section("lower-layer", "The lower layer", words, tuple(content))
+
+
+def _cost_note(evidence: Evidence) -> str:
+    """What was measured on, and why there is no cost where there is none."""
+    found = evidence.rollouts_with_terms
+    if found is None:
+        return "The study has no roll-out or evaluation without noise that all its runs have."
+    if found.lacking:
+        return f"Measured on {found.source}. There is no lower-layer cost: {found.lacking}."
+    shown = quantity_of_roll_out("lower_layer_cost")
+    unit = shown.unit if shown else ""
+    return (
+        f"Measured on {found.source}. The lower-layer cost ({unit}) is what the baseline's "
+        "penalties would take at weights 1, in every arm alike: so an arm that trains without a "
+        "penalty is asked what it costs all the same. Terms are means of their raw values."
+    )
 
 
 def sweep_section(study: Study) -> Iterator[Section]:
     sweep = sweep_of(study)
     if sweep is not None:
-        content = (sweep_tables.values_table(study, sweep), sweep_tables.trend_table(study, sweep))
+        content = (study_tables.values_table(study, sweep), study_tables.trend_table(study, sweep))
         yield Section("sweep", f"What {sweep.key} does", (SWEEP_TEXT,), content)
 
 
@@ -195,17 +203,16 @@ def protocol_section(evidence: Evidence, rates: Mapping[str, FalsePositiveRates]
 
 def runs_section(study: Study) -> Section:
     content = (
-        run_tables.runs_table(study),
-        run_tables.environment_table(study),
-        run_tables.terms_table(study),
-        run_tables.settings_table(study),
+        study_tables.runs_table(study),
+        study_tables.environment_table(study),
+        study_tables.terms_table(study),
+        study_tables.settings_table(study),
     )
     return Section("runs", "What was run", (_cost(study),), content)
 
 
 def _cost(study: Study) -> str:
-    seconds = f"{keys.TIME_PREFIX}iteration_s"
-    if seconds not in study.metric_names:
+    if ITERATION_S not in study.metric_names:
         return ""
-    hours = float(study.curves[seconds].to_numpy().sum()) / 3600
+    hours = float(study.curves[ITERATION_S].to_numpy().sum()) / 3600
     return f"Together the runs took {duration(hours)} of iterations, on {len(study.runs)} runs."

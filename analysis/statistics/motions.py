@@ -146,7 +146,7 @@ def pooled_probability(
         shares = [
             probability_of_improvement(*pair, smaller_is_better=smaller_is_better) for pair in pairs
         ]
-        return np.array([np.mean(shares)])
+        return np.array([np.mean(shares)], dtype=np.float64)
 
     pairs = _checked(baseline, treatment)
     checked_confidence(confidence)

@@ -9,27 +9,15 @@ import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from trajectories import trajectory_of
 
-from tlr_exp.pictures.film import film_evaluation
-from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.pictures.media import write_image, write_video
-from tlr_exp.pictures.render import Camera, follow_pelvis, keyframe_strip, render_frames
+from tlr_exp.pictures.render import Camera, render_frames
 from tlr_exp.pictures.studio import thin_meshes
 from tlr_exp.records.storage import StorageError
 from tlr_exp.robot.model import Robot, build_robot
 
 SIZE = {"width": 64, "height": 48}
-
-
-@pytest.fixture(scope="session")
-def can_draw() -> None:
-    try:
-        graphics_backend()
-    except GraphicsUnavailable as error:
-        pytest.skip(str(error))
+USUAL = Camera()
 
 
 @pytest.fixture(scope="session")
@@ -60,7 +48,7 @@ def read_video(path: Path, height: int = 48, width: int = 64) -> tuple[np.ndarra
     return frames, duration_s
 
 
-def silhouette(robot: Robot, qpos: np.ndarray, camera: Camera | None = None) -> np.ndarray:
+def silhouette(robot: Robot, qpos: np.ndarray, camera: Camera = USUAL) -> np.ndarray:
     """Where a single state's picture differs from that of the empty floor, bool [48, 64]."""
     away = qpos.copy()
     away[:, 0] += 50.0
@@ -146,42 +134,6 @@ def test_states_that_cannot_be_drawn_are_refused(robot):
     ):
         with pytest.raises(ValueError, match=message):
             render_frames(robot, **arguments)
-
-
-@pytest.mark.usefixtures("can_draw")
-def test_strip_is_the_frames_side_by_side_below_their_labels(robot):
-    states = standing(robot, 3)
-    states[:, 7 + 15] = [-2.0, 0.0, 1.0]
-    camera = Camera(smoothing_frames=0.0)
-    labels = ["1", "2", ""]
-    strip = keyframe_strip(robot, states, labels, quality="fast", camera=camera, **SIZE)
-    assert strip.shape == (20 + 48, 3 * 64, 3)
-    frames = list(render_frames(robot, states, camera=camera, **SIZE))
-    np.testing.assert_array_equal(strip[20:], np.concatenate(frames, axis=1))
-    written = [(strip[:20, i * 64 : (i + 1) * 64] != 255).any() for i in range(3)]
-    assert written == [True, True, False]
-    with pytest.raises(ValueError, match="2 labels for 3 pictures"):
-        keyframe_strip(robot, states, labels[:2])
-
-
-# --- the camera's path -----------------------------------------------------------------------
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.integers(1, 60), st.floats(0.0, 30.0), st.floats(-2.0, 2.0), st.floats(-3.0, 3.0))
-def test_a_straight_path_is_followed_exactly(num_frames, smoothing, speed, offset):
-    qpos = np.zeros((num_frames, 30))
-    qpos[:, 0] = offset + speed * np.arange(num_frames)
-    path = follow_pelvis(qpos, smoothing)
-    assert path.shape == (num_frames, 3)
-    np.testing.assert_allclose(path, qpos[:, :3], atol=1e-9)
-
-
-def test_smoothing_takes_out_what_shakes():
-    qpos = np.zeros((200, 30))
-    qpos[:, 1] = np.random.default_rng(0).standard_normal(200)
-    path = follow_pelvis(qpos, 10.0)
-    assert np.diff(path[:, 1]).std() < 0.05 * np.diff(qpos[:, 1]).std()
 
 
 # --- meshes ----------------------------------------------------------------------------------
@@ -316,17 +268,3 @@ def test_the_backend_is_found_after_mujoco_was_imported_without_one(tmp_path):
     done = draw_elsewhere(tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["clip.mp4"]
-
-
-# --- the video of an evaluation --------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("can_draw")
-def test_film_of_an_evaluation_runs_in_real_time(robot, tmp_path):
-    qpos = standing(robot, 20)
-    bodies = np.zeros((20, 27, 3))
-    trajectory = trajectory_of(qpos, qpos, bodies, bodies)
-    path = film_evaluation(tmp_path / "film.mp4", robot, trajectory, width=64, height=48)
-    frames, duration_s = read_video(path)
-    assert len(frames) == 10
-    assert duration_s == pytest.approx(20 * 0.02, abs=0.01)

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import ViewerUnavailable, native
-from tlr_exp.viewing.recording import Player, Recording
+from tlr_exp.viewing.player import Player
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from browser import find_chromium, open_page, until
 
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.model import build_robot
 from tlr_exp.viewing import web
-from tlr_exp.viewing.recording import Recording
 
 WIDTH, HEIGHT = 1000, 600
 SCENE = slice(315, WIDTH - 345)  # the columns between a warning of software rendering and the panel

@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.pictures.studio import thin_meshes
 from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import ViewerUnavailable, web
-from tlr_exp.viewing.recording import Recording
 
 ASIDE_M = np.array([0.0, 0.4, 0.0])
 

@@ -14,7 +14,8 @@ from typing import NoReturn
 
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
-from tlr_exp.mlflow_sync.tracking_uri import URI_VARIABLE, default_tracking_uri, sqlite_path
+from tlr_exp.machine.variables import TRACKING_URI
+from tlr_exp.mlflow_sync.tracking_uri import default_tracking_uri, sqlite_path
 from tlr_exp.records.credentials import hide_password
 from tlr_exp.records.run_directory import RunDirectory
 
@@ -35,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     uri = default_tracking_uri(options.runs_dir)
     if uri.startswith("http"):
-        print(f"{URI_VARIABLE} names a server that runs already: {hide_password(uri)}")
+        print(f"{TRACKING_URI} names a server that runs already: {hide_password(uri)}")
         return 0
     problem = what_is_missing(uri, options.runs_dir)
     if problem is not None:
@@ -64,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         nargs="?",
         default=Path("runs"),
         type=Path,
-        help=f"the folder that holds the store (default: runs; {URI_VARIABLE} goes before it)",
+        help=f"the folder that holds the store (default: runs; {TRACKING_URI} goes before it)",
     )
     parser.add_argument(
         "--port", type=int, help=f"on which to serve (default: the first free one from {PORT} on)"

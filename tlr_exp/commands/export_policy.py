@@ -6,9 +6,9 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
+from tlr_exp.commands.arguments import add_force
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command, refuse_without_docstrings
-from tlr_exp.records.outputs import add_force
 
 __all__ = ["main"]
 
@@ -21,16 +21,22 @@ def main(arguments: list[str] | None = None) -> None:
     """
     refuse_without_docstrings("tlr-export-policy")
     options = _parser().parse_args(arguments)
-    output: Path = options.output
+    _export(options.run, options.checkpoint, options.output, options.force)
+
+
+def _export(run: Path, checkpoint: str | None, output: Path, force: bool) -> None:
+    """Write the form that the suffix of the output means.
+
+    Raises:
+        UserError, OSError: no such form; or as the form's own function.
+    """
     if output.suffix not in ("", ".onnx"):
         raise UserError(
             f"{output}: there is no form of a policy for the suffix {output.suffix!r}; a name "
             "without a suffix is written as a folder, one that ends in .onnx as one file"
         )
-    if output.suffix == ".onnx":
-        _export_onnx(options.run, options.checkpoint, output, options.force)
-    else:
-        _export_folder(options.run, options.checkpoint, output, options.force)
+    write = _export_onnx if output.suffix == ".onnx" else _export_folder
+    write(run, checkpoint, output, force)
 
 
 def _export_onnx(run: Path, checkpoint: str | None, output: Path, force: bool) -> None:

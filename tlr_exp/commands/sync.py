@@ -11,11 +11,11 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from tlr_exp.errors import UserError
+from tlr_exp.machine import variables
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command
 from tlr_exp.mlflow_sync.following import WatchedProcess, follow, has_ended
 from tlr_exp.mlflow_sync.sources import (
     DEFAULT_EXPERIMENT,
-    LIMIT_VARIABLE,
     MAX_FILE_MB,
     Source,
     find_sources,
@@ -89,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
         default=None,
         metavar="MB",
         help="leave larger checkpoints, videos and evaluations where they are; 0: all of them "
-        f"(default: the variable {LIMIT_VARIABLE}, else {MAX_FILE_MB:g})",
+        f"(default: the variable {variables.MAX_FILE_MB}, else {MAX_FILE_MB:g})",
     )
     parser.add_argument(
         "--follow",

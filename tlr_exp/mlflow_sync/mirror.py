@@ -17,7 +17,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tlr_exp.mlflow_sync.tracking_uri import URI_VARIABLE, check_tracking_uri
+from tlr_exp.machine import variables
+from tlr_exp.mlflow_sync.tracking_uri import check_tracking_uri
 from tlr_exp.records.credentials import has_credentials
 from tlr_exp.records.directory import RecordDirectory
 
@@ -118,7 +119,7 @@ class Mirror:
 def _launch(folder: Path, uri: str, experiment: str) -> subprocess.Popen:
     arguments = [str(folder), "--follow", str(os.getpid()), "--experiment", experiment]
     # The URI goes by the environment: it may hold a password, and command lines are public.
-    environment = {**os.environ, URI_VARIABLE: uri, "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, variables.TRACKING_URI: uri, "OMP_NUM_THREADS": "1"}
     with open(folder / LOG, "ab") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "tlr_exp.commands.sync", *arguments],

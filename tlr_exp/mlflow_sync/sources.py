@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 from tlr_exp.errors import UserError
+from tlr_exp.machine import variables
 from tlr_exp.mlflow_sync.tracking_uri import (
     STORE,
-    URI_VARIABLE,
     check_tracking_uri,
     default_tracking_uri,
 )
@@ -87,11 +86,11 @@ def limit_of_environment() -> float:
     Raises:
         UserError: the variable TLR_SYNC_MAX_FILE_MB is no such number.
     """
-    text = os.environ.get(LIMIT_VARIABLE) or str(MAX_FILE_MB)
+    text = variables.max_file_mb() or str(MAX_FILE_MB)
     try:
         return megabytes(text)
     except ValueError as error:
-        raise UserError(f"{LIMIT_VARIABLE}: {error}") from error
+        raise UserError(f"{variables.MAX_FILE_MB}: {error}") from error
 
 
 def found_below(paths: Sequence[str]) -> Found:
@@ -137,7 +136,7 @@ def store_of(folder: RecordDirectory, root: Path, given: str | None) -> str:
     if given is not None:
         return check_tracking_uri(given)
     study = folder.study_folder
-    if not os.environ.get(URI_VARIABLE):
+    if not variables.tracking_uri():
         # RUNS/STUDY/RUN. No higher: a mlflow.db in a project's folder is somebody else's.
         for parent in (study, study.parent):
             if (parent / STORE).is_file():

@@ -10,7 +10,6 @@ import io
 import os
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import jax
@@ -23,6 +22,7 @@ from torch import Tensor
 
 from tlr_exp.config.checks import check_at_least, check_choice
 from tlr_exp.errors import UserError
+from tlr_exp.machine.variables import cache_folder
 from tlr_exp.physics.state import PhysicsState, check_joint_target, check_reset, check_saved_state
 from tlr_exp.robot.model import Robot
 from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION
@@ -295,6 +295,6 @@ def _configure_jax(device: torch.device) -> None:
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # torch needs memory, too
     # Reduced-precision products (TF32) spoil contacts.
     jax.config.update("jax_default_matmul_precision", "highest")
-    if jax.config.values["jax_compilation_cache_dir"] is None:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        jax.config.update("jax_compilation_cache_dir", str(cache / "tlr_exp" / "jax"))
+    cache = cache_folder()
+    if jax.config.values["jax_compilation_cache_dir"] is None and cache is not None:
+        jax.config.update("jax_compilation_cache_dir", str(cache / "jax"))

@@ -14,6 +14,7 @@ from functools import lru_cache
 from typing import Any
 
 from tlr_exp.errors import UserError
+from tlr_exp.machine import variables
 
 _OFF = ("disable", "disabled", "off", "false", "0")
 _AUTOMATIC = ("", "enable", "enabled", "on", "true", "1")
@@ -60,7 +61,7 @@ def graphics_backend() -> str:
     Raises:
         GraphicsUnavailable: none works here.
     """
-    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
+    wanted = variables.graphics()
     if wanted in _OFF:
         raise GraphicsUnavailable(f"no pictures: MUJOCO_GL={wanted} switches them off; unset it")
     if sys.platform != "linux" or wanted not in (*_AUTOMATIC, *_OFF_SCREEN):
@@ -76,7 +77,7 @@ def graphics_backend() -> str:
 
 def _why_not(backend: str) -> str | None:
     """Open the backend in a process of its own; None if it works, else its last words."""
-    environment = os.environ | {"MUJOCO_GL": backend}
+    environment = os.environ | {variables.GRAPHICS: backend}
     try:
         done = subprocess.run(
             [sys.executable, "-c", _PROBE.format(backend=backend)],

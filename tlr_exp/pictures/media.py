@@ -10,10 +10,12 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
 from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
+FIGURE_DPI = 110
 _HINT = "Give a folder that can be written and has room."
 
 
@@ -56,6 +58,18 @@ def write_image(path: str | Path, image: np.ndarray) -> Path:
     """
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, format="png")
+    atomic_write(Path(path), buffer.getbuffer())
+    return Path(path)
+
+
+def write_figure(path: str | Path, figure: Figure) -> Path:
+    """Write a figure as a PNG, whole or not at all.
+
+    Raises:
+        StorageError: a full disk, a read-only folder, ...
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=FIGURE_DPI)
     atomic_write(Path(path), buffer.getbuffer())
     return Path(path)
 

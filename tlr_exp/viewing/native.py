@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from typing import Any
@@ -11,9 +10,11 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
+from tlr_exp.machine.variables import has_display
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.robot.model import Robot
 from tlr_exp.viewing import ViewerUnavailable
-from tlr_exp.viewing.recording import Player, Recording
+from tlr_exp.viewing.player import Player
 
 _GHOST_RGBA = np.array([0.05, 0.42, 0.95, 0.3])
 _REFRESH_S = 1 / 60
@@ -73,8 +74,7 @@ def require_display() -> None:
     Raises:
         ViewerUnavailable: no display.
     """
-    names = ("DISPLAY", "WAYLAND_DISPLAY")
-    if sys.platform == "linux" and not any(os.environ.get(name) for name in names):
+    if sys.platform == "linux" and not has_display():
         raise ViewerUnavailable(
             "there is no display ($DISPLAY is not set), which MuJoCo's viewer needs; "
             "--web shows the same in a browser"

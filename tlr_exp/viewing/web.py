@@ -17,11 +17,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tlr_exp.pictures.render import follow_pelvis
+from tlr_exp.pictures.framing import follow_pelvis
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.pictures.studio import thin_meshes
 from tlr_exp.robot.model import Robot
 from tlr_exp.viewing import ViewerUnavailable
-from tlr_exp.viewing.recording import Player, Recording
+from tlr_exp.viewing.player import Player
 
 HOST = "127.0.0.1"
 REFRESH_S = 1 / 30

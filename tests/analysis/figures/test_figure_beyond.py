@@ -13,9 +13,9 @@ from analysis.figures.curve_comparison import (
 from analysis.figures.drawing import NotDrawnError
 from analysis.figures.false_positives import false_positive_plot, figure_false_positives
 from analysis.figures.forest import ForestRow, figure_forest, forest_plot
-from analysis.figures.optimum import figure_optimum
 from analysis.figures.seeds import figure_profile, figure_seeds, profile
 from analysis.figures.wall_clock import figure_wall_clock, wall_clock_split
+from analysis.figures.weights import figure_optimum
 from analysis.statistics.comparison import compare
 from analysis.statistics.curves import compare_curves
 from analysis.statistics.nulls import FalsePositiveRates

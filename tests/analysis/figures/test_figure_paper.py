@@ -1,22 +1,16 @@
 """Figures 6, 7, 8, 13, 14, 15 and Table 1 against values worked by hand."""
 
-import json
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hand_values import flat_study, line_of, texts_of, with_values, without
-from studies import TERMS as LAYER_OF_PAPER
 from studies import make_study
 
 from analysis.figures.drawing import NotDrawnError
 from analysis.figures.improvement import figure_8
-from analysis.figures.overhead import figure_15
-from analysis.figures.reward_terms import table_1
 from analysis.figures.tracking import figure_6, figure_7, figure_13
+from analysis.figures.wall_clock import figure_15
 from analysis.figures.weights import figure_14
 from tlr_exp import keys
-from tlr_exp.env.terms import TERMS
 
 STATIC, LAYERED = "static", "two-layered (GWO)"
 UPPER, LOWER = keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR
@@ -160,58 +154,3 @@ def test_figure_15_is_seconds_and_share_without_the_evaluation():
 def test_figure_15_needs_times():
     with pytest.raises(NotDrawnError, match="time/iteration_s"):
         figure_15(without(flat_study(), "time/iteration_s"))
-
-
-# --- Table 1 ---------------------------------------------------------------------------------
-
-
-def configured(study, changes):
-    """The study with ``changes[arm]`` put into the configuration of the arm."""
-    configs = []
-    for _, run in study.runs.iterrows():
-        config = json.loads(run["config"])
-        config["reward"] |= changes[run["arm"]]
-        configs.append(json.dumps(config))
-    return replace(study, runs=study.runs.assign(config=configs))
-
-
-LAYER = {
-    "optimizing": {"base_height": -10.0, "dof_pos_limits": -10.0, "torques": -1e-6},
-    "parameters": {"dof_pos_limits": {"margin": 0.1}},
-}
-
-
-def test_table_1_comes_from_the_configuration():
-    rows = table_1(configured(flat_study(), {"fixed": LAYER, "gwo": LAYER}))
-    assert [row.name for row in rows] == ["base_height", "dof_pos_limits", "torques"]
-    height, limits, torques = rows
-    assert (height.coefficient, height.constants, height.arms) == (-10.0, "", ())
-    assert height.formula == "(h_base - h_des)²"
-    assert limits.constants == "ε = 0.1"
-    assert limits.in_paper
-    assert not torques.in_paper
-
-
-def test_table_1_names_arms_that_differ():
-    other = {"optimizing": LAYER["optimizing"] | {"base_height": -5.0}}
-    study = configured(flat_study(), {"fixed": LAYER, "gwo": LAYER | other})
-    heights = [row for row in table_1(study) if row.name == "base_height"]
-    assert [(row.coefficient, row.arms) for row in heights] == [
-        (-10.0, (STATIC,)),
-        (-5.0, (LAYERED,)),
-    ]
-
-
-def test_table_1_has_a_formula_and_a_unit_for_every_term_and_none_for_one_it_does_not_know():
-    layer = {"optimizing": dict.fromkeys((*TERMS, "of_another_version"), -1.0)}
-    *known, unknown = table_1(configured(flat_study(), {"fixed": layer, "gwo": layer}))
-    assert all(row.formula and row.unit for row in known)
-    assert (unknown.formula, unknown.unit, unknown.in_paper) == ("", "", False)
-    in_paper = {row.name for row in known if row.in_paper}
-    assert in_paper == {*LAYER_OF_PAPER, "torque_limits"}
-
-
-def test_table_1_without_a_lower_layer():
-    empty = {"optimizing": {}}
-    with pytest.raises(NotDrawnError, match=r"reward\.optimizing"):
-        table_1(configured(flat_study(), {"fixed": empty, "gwo": empty}))

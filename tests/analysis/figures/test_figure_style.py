@@ -54,25 +54,6 @@ def test_no_window_system_is_touched():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_save_writes_both_files_and_keeps_what_is_there(tmp_path):
-    paths = style.save(small_figure(), tmp_path / "new" / "name")
-    assert [path.name for path in paths] == ["name.svg", "name.png"]
-    assert paths[0].read_bytes() == style.render(small_figure(), "svg")
-    assert paths[1].read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(FileExistsError, match=r"name\.svg.*overwrite=True"):
-        style.save(small_figure("b"), tmp_path / "new" / "name")
-    assert paths[0].read_bytes() == style.render(small_figure(), "svg")
-    style.save(small_figure("b"), tmp_path / "new" / "name", overwrite=True)
-    assert paths[0].read_bytes() == style.render(small_figure("b"), "svg")
-    assert sorted(path.name for path in paths[0].parent.iterdir()) == ["name.png", "name.svg"]
-
-
-def test_pdf_for_latex(tmp_path):
-    pdf, _ = style.save(small_figure(), tmp_path / "name.v2", vector="pdf")
-    assert pdf.name == "name.v2.pdf"
-    assert pdf.read_bytes().startswith(b"%PDF")
-
-
 def test_known_arms_always_look_the_same():
     alone = style.arm_looks(["fixed", "gwo"])
     among = style.arm_looks(["random", "cma_es", "gwo", "gwo, threshold_share=0.2", "fixed"])

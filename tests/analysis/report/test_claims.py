@@ -8,10 +8,10 @@ import pytest
 from studies import level, make_study, rise, with_starts
 
 from analysis.data.study import Study, StudyError
-from analysis.report.claims import CLAIMS, Claim, findings
 from analysis.report.evidence import Evidence, prediction_limits, seed_noise
-from analysis.report.judges import PAPER_CONTROL_STEPS, Finding
-from analysis.report.verdicts import Verdict
+from analysis.report.judging.claims import CLAIMS, Claim, findings
+from analysis.report.judging.judges import PAPER_CONTROL_STEPS, Finding
+from analysis.report.judging.verdicts import Verdict
 from analysis.statistics.nulls import ar1_curves
 from tlr_exp import keys
 

@@ -12,6 +12,7 @@ from analysis.data.study import Study
 from analysis.measures.quantities import TRACKING_OF_ROLL_OUT
 from analysis.measures.rollouts import rollouts
 from analysis.report.answer import improvements, position
+from analysis.report.comparison_tables import area_table
 from analysis.report.comparison_tables import tests_table as table_of_tests
 from analysis.report.evidence import Evidence
 from analysis.report.outcomes import (
@@ -19,7 +20,6 @@ from analysis.report.outcomes import (
     same_phase_outcomes,
     tracking_outcomes,
 )
-from analysis.report.rollout_tables import area_table
 from analysis.statistics.significance import holm
 from tlr_exp import keys
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from studies import make_study
 
+from analysis.report.content import one_command
 from analysis.report.evidence import Evidence
 from analysis.report.latex import latex_table, tex
 from analysis.report.outcomes import outcomes
-from analysis.report.repeat import one_command
 
 
 def test_every_combination_becomes_one_sweep() -> None:

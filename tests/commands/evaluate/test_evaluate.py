@@ -11,7 +11,7 @@ import torch
 from tlr_exp.assembly.learner import build_ppo
 from tlr_exp.commands import evaluate
 from tlr_exp.commands.evaluate import measuring
-from tlr_exp.pictures import film, graphics, policy_strips
+from tlr_exp.pictures import film, graphics, strips
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
 
@@ -99,8 +99,8 @@ def test_the_strip_of_a_measured_run_has_its_own_size(run, tmp_path, monkeypatch
         return np.zeros((1, 1, 3), np.uint8)
 
     monkeypatch.setattr(measuring, "graphics_backend", lambda: "none")
-    monkeypatch.setattr(policy_strips, "policy_strip", draw)
-    monkeypatch.setattr(film, "film_evaluation", lambda *_, **options: asked.update(options))
+    monkeypatch.setattr(strips, "policy_strip", draw)
+    monkeypatch.setattr(film, "film", lambda *_, **options: asked.update(options))
     command = [str(run), "-o", str(tmp_path), "--size", "1280x720", "--quality", "full"]
     assert evaluate.main([*command, "--columns", "3"]) == 0
     assert asked.pop("strip").keys() == {"title", "columns"}

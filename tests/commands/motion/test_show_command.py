@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tlr_exp.commands.motion import main
-from tlr_exp.pictures import clip_pictures
+from tlr_exp.pictures import film, strips
 from tlr_exp.pictures.graphics import GraphicsUnavailable, graphics_backend
 from tlr_exp.viewing import web
 
@@ -16,8 +16,8 @@ def unable(monkeypatch):
     def refuse(*_, **__):
         raise GraphicsUnavailable("no pictures: install EGL")
 
-    monkeypatch.setattr(clip_pictures, "render_frames", refuse)
-    monkeypatch.setattr(clip_pictures, "keyframe_strip", refuse)
+    monkeypatch.setattr(film, "render_frames", refuse)
+    monkeypatch.setattr(strips, "render_frames", refuse)
 
 
 def test_all_pictures_of_a_clip(short_clip_path, tmp_path, capsys):
@@ -92,12 +92,15 @@ def test_sizes_that_no_video_has(short_clip_path, size, capsys):
 
 def test_times_are_taken_as_they_are(short_clip_path, tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(
-        clip_pictures, "strip_of_clip", lambda path, robot, clip, times: seen.append(times)
-    )
+
+    def draw(robot, recording, frames):
+        seen.append(frames * recording.dt_s)
+        return np.zeros((1, 1, 3), np.uint8)
+
+    monkeypatch.setattr(strips, "keyframe_strip", draw)
     command = ["show", str(short_clip_path), "-o", str(tmp_path), "--only", "keyframes"]
     assert main([*command, "--times", "0.1", "0.5"]) == 0
-    assert main([*command, "--columns", "3"]) == 0
+    assert main([*command, "--columns", "3", "--force"]) == 0
     np.testing.assert_allclose(seen[0], [0.1, 0.5])
     np.testing.assert_allclose(seen[1], [0.0, 0.4, 0.8])
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs, load_policy
+from tlr_exp.commands.arguments import (
+    add_force,
+    add_viewers,
+    drawn_as,
+    size_argument,
+    viewer_of,
+)
+from tlr_exp.errors import UserError
+from tlr_exp.evaluation.choosing import choose, is_folder_of_runs
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command, refuse_without_docstrings
-from tlr_exp.pictures.sizes import size_argument
-from tlr_exp.records.outputs import add_force
-from tlr_exp.viewing.options import add_viewers, check_port, viewer_wanted
-
-__all__ = ["Choice", "choose", "load_policy", "main"]
 
 
 @command("tlr-evaluate", status=EXIT_WRONG)
@@ -27,23 +30,32 @@ def main(arguments: list[str] | None = None) -> int:
     return _run(options)
 
 
-def _run(options: argparse.Namespace) -> int:
-    if options.strip:
-        from tlr_exp.commands.evaluate.comparing import compare
+def _run(given: argparse.Namespace) -> int:
+    """Hand what was asked for to the part of the command that does it, as plain values."""
+    viewer = viewer_of(given.view, given.web)
+    if given.strip:
+        from tlr_exp.commands.evaluate.comparing import Checkpoints, compare
 
-        compare(options)
-    elif _measures_several(options):
+        which = Checkpoints(given.physics, given.checkpoint, given.iterations, given.shares)
+        look = {"columns": given.columns, **drawn_as(given.size, given.quality)}
+        compare(given.runs, which, given.output, given.force, **look)
+        return 0
+    if _measures_several(given):
         from tlr_exp.commands.evaluate.studying import study
 
-        return study(options)
-    elif viewer_wanted(options):
+        which = (given.checkpoint, given.physics)
+        return study(given.runs, *which, given.starts, given.jobs, given.output, given.force)
+    choice = choose(given.runs[0], given.checkpoint, given.physics)
+    if viewer is not None:
         from tlr_exp.commands.evaluate.watching import watch
 
-        watch(options)
+        watch(choice, viewer)
     else:
-        from tlr_exp.commands.evaluate.measuring import measure
+        from tlr_exp.commands.evaluate.measuring import Pictures, measure
 
-        measure(options)
+        look = drawn_as(given.size, given.quality)
+        drawn = Pictures(given.pictures, given.video, given.columns, look)
+        measure(choice, given.starts or 1, drawn, given.output, given.force)
     return 0
 
 
@@ -147,25 +159,24 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
 def _check(options: argparse.Namespace) -> None:
     """Refuse what does not go together, before anything slow is loaded."""
     if len(options.runs) > 1 and not options.strip and options.starts is None:
-        raise ValueError(
+        raise UserError(
             f"{len(options.runs)} runs are compared with --strip, or measured with --starts; "
             "else give one"
         )
     for name in ("iterations", "shares"):
         if getattr(options, name) is not None and not options.strip:
-            raise ValueError(f"--{name} needs --strip")
+            raise UserError(f"--{name} needs --strip")
     for name in ("starts", "jobs"):
         if getattr(options, name) is not None and getattr(options, name) < 1:
-            raise ValueError(f"--{name} is {getattr(options, name)}; it must be at least 1")
-    if options.starts is not None and (options.strip or viewer_wanted(options)):
-        raise ValueError("--starts is for numbers: without --strip, --view and --web")
+            raise UserError(f"--{name} is {getattr(options, name)}; it must be at least 1")
+    if options.starts is not None and (options.strip or viewer_of(options.view, options.web)):
+        raise UserError("--starts is for numbers: without --strip, --view and --web")
     if options.jobs is not None and not _measures_several(options):
-        raise ValueError("--jobs is for --starts with several runs, or a folder of runs")
+        raise UserError("--jobs is for --starts with several runs, or a folder of runs")
     if _measures_several(options) and (options.video or options.pictures):
-        raise ValueError("of several runs there are numbers alone: no --video and no --pictures")
+        raise UserError("of several runs there are numbers alone: no --video and no --pictures")
     if options.columns < 1:
-        raise ValueError(f"--columns is {options.columns}; it must be at least 1")
-    check_port(options)
+        raise UserError(f"--columns is {options.columns}; it must be at least 1")
 
 
 def _measures_several(options: argparse.Namespace) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tlr_exp.evaluation.choosing import Choice
 from tlr_exp.evaluation.policies import Evaluation
 from tlr_exp.keys import METHOD_NAMES
-from tlr_exp.pictures.policy_strips import StripRow
+from tlr_exp.pictures.strips import StripRow
 from tlr_exp.records.run_directory import RunDirectory
 
 
@@ -31,8 +31,3 @@ def row_of(evaluation: Evaluation, among: Sequence[Choice]) -> StripRow:
         label += f"\niteration {choice.iteration}"
     limit = choice.settings.env.termination.max_tilt
     return StripRow(label, evaluation.trajectory, evaluation.result, limit)
-
-
-def picture_size(size: tuple[int, int] | None) -> dict[str, int]:
-    """Width and height as the drawing functions take them; nothing where their own are meant."""
-    return {} if size is None else {"width": size[0], "height": size[1]}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import multiprocessing
 import signal
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from tlr_exp.commands.evaluate.arms import arms_of, motion_name
 from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_of, runs_in
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs
 from tlr_exp.evaluation.records import (
     content_of,
@@ -36,7 +36,15 @@ class Wanted:
     record: Path
 
 
-def study(options: argparse.Namespace) -> int:
+def study(
+    runs: Sequence[Path],
+    checkpoint: str | None,
+    physics: str | None,
+    starts: int,
+    jobs: int | None,
+    output: Path | None,
+    force: bool,
+) -> int:
     """``tlr-evaluate STUDY_FOLDER --starts N`` and ``tlr-evaluate RUN RUN … --starts N``.
 
     Returns:
@@ -46,28 +54,30 @@ def study(options: argparse.Namespace) -> int:
         ValueError: there is no finished run, or nothing can be written there.
         FileExistsError: the CSV holds something else, and --force is not given.
     """
-    output = _output(options)
-    wanted, failed = find_wanted(options)
+    table = _output(output, runs, starts)
+    wanted, failed = find_wanted(runs, checkpoint, physics, starts)
     missing = [each for each in wanted if not each.record.exists()]
-    _check_output(output, missing, options.force)
+    _check_output(table, missing, force)
     print(f"{len(wanted)} runs, of which {len(wanted) - len(missing)} are measured already")
-    for number, (each, problem) in enumerate(measured(missing, options.starts, options.jobs), 1):
+    for number, (each, problem) in enumerate(measured(missing, starts, jobs), 1):
         failed += problem is not None
         said = f"wrote {each.record}" if problem is None else _failure(each.choice.run, problem)
         print(f"{number} of {len(missing)}: {said}", flush=True)
-    found, unread = read_all([each for each in wanted if each.record.exists()], options.starts)
+    found, unread = read_all([each for each in wanted if each.record.exists()], starts)
     failed += unread
     if not found:
         return 1
 
     from rich.console import Console
 
-    Console().print(arms_table(found, options.starts))
-    print(write_whole(output, csv_of(found), options.force))
+    Console().print(arms_table(found, starts))
+    print(write_whole(table, csv_of(found), force))
     return 1 if failed else 0
 
 
-def find_wanted(options: argparse.Namespace) -> tuple[list[Wanted], int]:
+def find_wanted(
+    runs: Sequence[Path], checkpoint: str | None, physics: str | None, starts: int
+) -> tuple[list[Wanted], int]:
     """The runs that are meant, by path, each once; and how many of them cannot be evaluated.
 
     Raises:
@@ -75,20 +85,20 @@ def find_wanted(options: argparse.Namespace) -> tuple[list[Wanted], int]:
     """
     wanted: dict[Path, Wanted] = {}
     failed = 0
-    paths = [path for given in options.runs for path in _paths_of(given)]
+    paths = [path for given in runs for path in _paths_of(given)]
     for path in paths:
         try:
-            choice = choose(path, options.checkpoint, options.physics)
+            choice = choose(path, checkpoint, physics)
         except (ValueError, OSError) as error:
             print(_failure(path, error), file=sys.stderr)
             failed += 1
             continue
-        name = evaluation_name(choice, options.starts)
+        name = evaluation_name(choice, starts)
         record = evaluation_folder(choice) / f"{name}.json"
         wanted[record] = Wanted(choice, record)
     if not paths:
-        folders = ", ".join(map(str, options.runs))
-        raise ValueError(f"there is no finished run in {folders}")
+        folders = ", ".join(map(str, runs))
+        raise UserError(f"there is no finished run in {folders}")
     return list(wanted.values()), failed
 
 
@@ -188,14 +198,14 @@ def read_all(wanted: Sequence[Wanted], starts: int) -> tuple[list[MeasuredRun], 
     return sorted(runs, key=lambda run: (run.motion, run.arm, run.seed, run.run)), failed
 
 
-def _output(options: argparse.Namespace) -> Path:
+def _output(output: Path | None, runs: Sequence[Path], starts: int) -> Path:
     """Where the CSV goes: into the folder of the runs, or for several arguments beside them."""
-    only = options.runs[0] if len(options.runs) == 1 else Path()
-    path = options.output or only / f"starts-{options.starts}.csv"
+    only = runs[0] if len(runs) == 1 else Path()
+    path = output or only / f"starts-{starts}.csv"
     if path.suffix.lower() != ".csv":
-        raise ValueError(f"several runs go into one CSV: -o {path} should end in .csv")
+        raise UserError(f"several runs go into one CSV: -o {path} should end in .csv")
     if not path.absolute().parent.is_dir():
-        raise ValueError(f"-o {path}: there is no folder {path.absolute().parent}")
+        raise UserError(f"-o {path}: there is no folder {path.absolute().parent}")
     return path
 
 

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import argparse
-
-from tlr_exp.evaluation.choosing import choose
-from tlr_exp.viewing.options import play, require_viewer
+from tlr_exp.evaluation.choosing import Choice
+from tlr_exp.viewing.viewer import Viewer
 
 
-def watch(options: argparse.Namespace) -> None:
+def watch(choice: Choice, viewer: Viewer) -> None:
     """``tlr-evaluate RUN --view`` and ``--web``.
 
     Raises:
         ViewerUnavailable: no display, or a package is missing; before the policy is rolled out.
     """
-    choice = choose(options.runs[0], options.checkpoint, options.physics)
-    require_viewer(options)
+    viewer.require()
 
     from rich.console import Console
 
     from tlr_exp.assembly.world import build_robot_of
     from tlr_exp.commands.evaluate.result_table import result_table
     from tlr_exp.evaluation.policies import evaluate
-    from tlr_exp.viewing.recording import recording_of_trajectory
+    from tlr_exp.pictures.recording import recording_of_trajectory
 
     evaluation = evaluate(choice)
     Console().print(result_table(evaluation.result, evaluation.title))
     recording = recording_of_trajectory(evaluation.trajectory, evaluation.title)
-    play(recording, build_robot_of(choice.settings.env, visuals=True), options)
+    viewer.play(recording, build_robot_of(choice.settings.env, visuals=True))

@@ -13,8 +13,9 @@ from tlr_exp.machine.terminal import add_version, command
 @command("tlr-motion", wrong=(ArgumentsError,))
 def main(arguments: Sequence[str] | None = None) -> int | None:
     """Entry point. 0: done; 1: a file was refused or a clip is wrong; 2: wrong arguments."""
-    options = _parser().parse_args(arguments)
-    return options.run(options)
+    options = vars(_parser().parse_args(arguments))
+    run = options.pop("run")  # of a subcommand, which takes its options by their names
+    return run(**options)
 
 
 def _parser() -> argparse.ArgumentParser:

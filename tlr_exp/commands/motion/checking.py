@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -52,27 +53,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_run)
 
 
-def _run(options: argparse.Namespace) -> int:
-    if options.fix:
-        return _fix(options)
-    if options.output:
-        raise ArgumentsError("-o is for --fix: a check alone writes nothing")
-    return _check(options)
-
-
-def _fix(options: argparse.Namespace) -> int:
-    """0 if nothing fails in the repaired clip; else 1, and it is written all the same."""
-    if len(options.clips) != 1 or options.output is None:
+def _run(
+    clips: list[str], json: bool, fix: bool, ground: str, output: Path | None, force: bool
+) -> int:
+    if not fix:
+        if output:
+            raise ArgumentsError("-o is for --fix: a check alone writes nothing")
+        return _check(clips, json)
+    if len(clips) != 1 or output is None:
         raise ArgumentsError("--fix takes one clip and -o CLIP.npz for the result")
-    (name,), output = options.clips, options.output
-    check_output(output, [name], options.force)
+    check_output(output, clips, force)
+    return _fix(clips[0], output, ground, json)
+
+
+def _fix(name: str, output: Path, ground: str, as_json: bool) -> int:
+    """0 if nothing fails in the repaired clip; else 1, and it is written all the same."""
     robot = build_robot()
     clip = load_clip(name, robot)
-    repaired = repair_clip(clip, robot, options.ground)
+    repaired = repair_clip(clip, robot, ground)
     before, after = check_clip(clip, robot), check_clip(repaired.clip, robot)
     repaired.clip.save(output)
     left = [finding.measure for finding in after if finding.verdict in ("warn", "fail")]
-    if options.json:
+    if as_json:
         data = as_data(str(output), repaired.clip, after)
         changes = {"before": as_data(name, clip, before), "changes": repaired.changes}
         print(json.dumps({"clips": [data], **changes}, indent=1))
@@ -85,10 +87,10 @@ def _fix(options: argparse.Namespace) -> int:
     return int(worst_verdict(after) == "fail")
 
 
-def _check(options: argparse.Namespace) -> int:
+def _check(names: list[str], as_json: bool) -> int:
     """0 if nothing fails; 1 if a clip fails or cannot be read (the others are still checked)."""
     robot, results, failed = build_robot(), [], False
-    for name in options.clips:
+    for name in names:
         try:
             clip = load_clip(name, robot)
         except (ValueError, OSError) as error:
@@ -99,9 +101,9 @@ def _check(options: argparse.Namespace) -> int:
         findings = check_clip(clip, robot)
         failed |= worst_verdict(findings) == "fail"
         results.append(as_data(name, clip, findings))
-        if not options.json:
+        if not as_json:
             print_findings(name, clip, findings)
-    if options.json:
+    if as_json:
         print(json.dumps({"clips": results}, indent=1))
     return int(failed)
 
@@ -132,8 +134,8 @@ def print_findings(name: str, clip: MotionClip, findings: list[Finding]) -> None
 
 
 def _row(finding: Finding) -> list[str | Text]:
-    worst, where = _number(finding.value, finding.unit), []
-    if float(worst.split()[0]) != 0:
+    where = []
+    if round(finding.value, _DECIMALS[finding.unit]) != 0:
         where += [] if finding.time_s is None else [f"{finding.time_s:.2f} s"]
         where += [finding.place] if finding.place else []
     where += [finding.remark] if finding.remark else []
@@ -141,7 +143,7 @@ def _row(finding: Finding) -> list[str | Text]:
     sign = "≥ " if limit and limit.at_least else ""
     return [
         finding.measure,
-        worst,
+        _number(finding.value, finding.unit),
         ", ".join(where),
         "" if finding.ok is None else sign + _number(finding.ok, finding.unit),
         "" if finding.fail is None else _number(finding.fail, finding.unit),

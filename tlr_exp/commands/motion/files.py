@@ -6,10 +6,11 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
+from tlr_exp.commands.arguments import add_force
 from tlr_exp.errors import UserError
 from tlr_exp.motion.authoring.keyframes import load_motion
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.records.outputs import add_force, check_free
+from tlr_exp.records.outputs import check_free
 from tlr_exp.robot.model import Robot
 
 CLIP_HELP = "an .npz clip, a .yaml of keyframes, or an authored name"
@@ -49,16 +50,16 @@ def check_output(output: Path, inputs: Iterable[str | Path], force: bool) -> Non
 
     Raises:
         ArgumentsError: not an ``.npz``.
-        ValueError: no folder, or one of the inputs.
+        UserError: no folder, or one of the inputs.
         FileExistsError: something is there, and ``force`` is not given.
     """
     if output.suffix != ".npz":
         raise ArgumentsError(f"{output}: the name of a clip must end in .npz")
     if not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}")
+        raise UserError(f"{output}: there is no folder {output.parent}")
     for path in map(Path, inputs):
         if output.exists() and path.exists() and output.samefile(path):
-            raise ValueError(f"{output}: the clip would replace the file it is made from")
+            raise UserError(f"{output}: the clip would replace the file it is made from")
     check_free([output], force)
 
 

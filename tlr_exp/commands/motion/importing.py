@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from tlr_exp.commands.motion.files import add_output, check_output, size
 from tlr_exp.motion.importers.convert import CLAMP_RAD, Imported, import_motion
@@ -58,13 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_import)
 
 
-def _import(options: argparse.Namespace) -> None:
-    output: Path = options.output
-    check_output(output, [options.file], options.force)
-    asked = Options(**{field.name: getattr(options, field.name) for field in fields(Options)})
-    imported = import_motion(options.file, build_robot(), options.format, asked, options.clamp)
+def _import(
+    file: Path, output: Path, force: bool, format: str | None, clamp: float, **reading: Any
+) -> None:
+    check_output(output, [file], force)
+    imported = import_motion(file, build_robot(), format, Options(**reading), clamp)
     imported.clip.save(output)
-    for line in report(options.file, imported):
+    for line in report(file, imported):
         print(line)
     print(f"{output}: {size(imported.clip)}")
     if imported.clip.num_frames < FRAMES_TO_TRAIN:

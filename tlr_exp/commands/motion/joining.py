@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 
@@ -33,21 +34,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_join)
 
 
-def _join(options: argparse.Namespace) -> int:
+def _join(clips: list[str], blend: float, output: Path, force: bool) -> int:
     """0 if nothing fails in the joined clip; else 1, and it is written all the same."""
-    if len(options.clips) < 2:
+    if len(clips) < 2:
         raise ArgumentsError("joining needs at least two clips")
-    check_output(options.output, options.clips, options.force)
+    check_output(output, clips, force)
     robot = build_robot()
-    clips = [load_clip(name, robot) for name in options.clips]
-    joined, seams = join_clips(clips, robot, options.blend)
+    loaded = [load_clip(name, robot) for name in clips]
+    joined, seams = join_clips(loaded, robot, blend)
     findings = check_clip(joined, robot)
-    joined.save(options.output)
-    for name, clip, seam in zip(options.clips[1:], clips[1:], seams, strict=True):
+    joined.save(output)
+    for name, clip, seam in zip(clips[1:], loaded[1:], seams, strict=True):
         if clip.fps != joined.fps:
             print(f"{name}: resampled from {clip.fps:g} to {joined.fps:g} fps")
-        print(f"{name}: {described(seam, options.blend)}")
-    print_findings(str(options.output), joined, findings)
+        print(f"{name}: {described(seam, blend)}")
+    print_findings(str(output), joined, findings)
     return int(worst_verdict(findings) == "fail")
 
 

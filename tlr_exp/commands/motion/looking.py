@@ -31,11 +31,11 @@ def add_list(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_list)
 
 
-def _info(options: argparse.Namespace) -> None:
+def _info(clip: str) -> None:
     robot = build_robot()
-    clip = load_clip(options.clip, robot)
-    print(f"{options.clip}: {size(clip)}")
-    for line in (*_measures(clip, robot), *_demands(clip, robot)):
+    loaded = load_clip(clip, robot)
+    print(f"{clip}: {size(loaded)}")
+    for line in (*_measures(loaded, robot), *_demands(loaded, robot)):
         print(f"  {line}")
 
 
@@ -74,7 +74,7 @@ def _demands(clip: MotionClip, robot: Robot) -> list[str]:
     ]
 
 
-def _list(options: argparse.Namespace) -> None:
+def _list() -> None:
     indent = " " * (_NAME_WIDTH + len(" 0.0 s  "))
     width = max(shutil.get_terminal_size().columns, len(indent) + _LEAST_TEXT_WIDTH)
     for name in motion_names():

@@ -6,21 +6,32 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from tlr_exp.commands.arguments import (
+    add_force,
+    add_viewers,
+    drawn_as,
+    size_argument,
+    viewer_of,
+)
 from tlr_exp.commands.motion.files import CLIP_HELP, ArgumentsError, load_clip, size
+from tlr_exp.errors import UserError
 from tlr_exp.motion.clip import MotionClip
-from tlr_exp.pictures.sizes import size_argument
-from tlr_exp.records.outputs import add_force, check_free
+from tlr_exp.records.outputs import check_free
 from tlr_exp.robot.model import Robot, build_robot
 from tlr_exp.viewing import ViewerUnavailable
-from tlr_exp.viewing.options import add_viewers, check_port, play, require_viewer, viewer_wanted
+from tlr_exp.viewing.viewer import Viewer
 
-PARTS = ("joints", "bodies", "keyframes", "video")
-_ENDINGS = {
+if TYPE_CHECKING:
+    from tlr_exp.pictures.recording import Recording
+
+# What is drawn, and how the names of the files end.
+PARTS = {
     "joints": "_joints.png",
     "bodies": "_bodies.png",
     "keyframes": "_keyframes.png",
@@ -57,111 +68,131 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_show)
 
 
-def _show(options: argparse.Namespace) -> int:
-    _check(options)
-    name = options.clip
-    if name.endswith((".npz", ".yaml", ".yml")):
-        name = Path(name).stem
-    return _watch(options, name) if viewer_wanted(options) else _draw(options, name)
-
-
-def _check(options: argparse.Namespace) -> None:
-    """Refuse what no clip can be shown by, before anything slow is loaded."""
-    if options.columns < 1:
-        raise ArgumentsError(f"--columns is {options.columns}; it must be at least 1")
-    if not 0 < options.fps < math.inf:
-        raise ArgumentsError(f"the video's frame rate is {options.fps:g}; it must be positive")
+def _show(
+    clip: str,
+    output: Path | None,
+    force: bool,
+    only: list[str],
+    fps: float,
+    size: tuple[int, int],
+    quality: str,
+    columns: int,
+    times: list[float] | None,
+    view: bool,
+    web: int | None,
+) -> int:
+    if columns < 1:
+        raise ArgumentsError(f"--columns is {columns}; it must be at least 1")
+    if not 0 < fps < math.inf:
+        raise ArgumentsError(f"the video's frame rate is {fps:g}; it must be positive")
     try:
-        check_port(options)
-    except ValueError as error:
+        viewer = viewer_of(view, web)
+    except UserError as error:
         raise ArgumentsError(str(error)) from error
+    name = Path(clip).stem if clip.endswith((".npz", ".yaml", ".yml")) else clip
+    if viewer is not None:
+        return _watch(clip, name, viewer)
+    folder = output or Path(f"{name}_pictures")
+    paths = {part: folder / f"{name}{end}" for part, end in PARTS.items() if part in only}
+    video = {"frame_rate_hz": fps, **drawn_as(size, quality)}
+    return _draw(clip, name, paths, times or columns, video, force)
 
 
-def _watch(options: argparse.Namespace, name: str) -> int:
+def _watch(clip: str, name: str, viewer: Viewer) -> int:
     """0: shown until the viewer was closed, nothing is written; 1: no viewer opens here."""
-    from tlr_exp.viewing.recording import recording_of_clip
+    from tlr_exp.pictures.recording import recording_of_clip
 
     try:
-        require_viewer(options)
+        viewer.require()
         robot = build_robot(visuals=True)
-        clip = load_clip(options.clip, robot)
-        play(recording_of_clip(clip, f"{name}: {size(clip)}"), robot, options)
+        loaded = load_clip(clip, robot)
+        viewer.play(recording_of_clip(loaded, f"{name}: {size(loaded)}"), robot)
     except ViewerUnavailable as error:
         print(f"tlr-motion: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def _draw(options: argparse.Namespace, name: str) -> int:
-    """0: all is drawn; 1: this machine has no graphics, only the curves are."""
+def _draw(
+    name_of_clip: str,
+    name: str,
+    paths: dict[str, Path],
+    moments: list[float] | int,
+    video: dict[str, Any],
+    force: bool,
+) -> int:
+    """0: all is drawn; 1: this machine has no graphics, only the curves are.
+
+    ``moments``: the times of the strip's pictures in s, or how many are evenly spread; ``video``:
+    as ``film`` takes them.
+    """
     # Only here: what draws takes long to import.
-    from tlr_exp.pictures.clip_pictures import frames_at
+    from tlr_exp.pictures.recording import recording_of_clip
 
     robot = build_robot(visuals=True)
-    clip = load_clip(options.clip, robot)
-    times = np.array(options.times or np.linspace(0.0, clip.duration_s, options.columns))
-    frames_at(clip, times)
-    folder: Path = options.output or Path(f"{name}_pictures")
-    paths = {part: folder / f"{name}{_ENDINGS[part]}" for part in PARTS if part in options.only}
-    check_free(paths.values(), options.force)
-    print(f"{options.clip}: {size(clip)}")
+    clip = load_clip(name_of_clip, robot)
+    recording = recording_of_clip(clip, f"{name}: {size(clip)}")
+    if isinstance(moments, int):
+        moments = list(np.linspace(0.0, clip.duration_s, moments))
+    keyframes = recording.frames_at(np.array(moments))
+    check_free(paths.values(), force)
+    print(f"{name_of_clip}: {size(clip)}")
+    folder = next(iter(paths.values())).parent
     made = not folder.exists()
     folder.mkdir(exist_ok=True)
     try:
-        _plot(name, clip, robot, paths)
-        return _render(options, name, clip, robot, paths, times)
+        _plot(clip, robot, recording.title, paths)
+        return _render(recording, robot, name, paths, keyframes, video)
     finally:
         if made and not any(folder.iterdir()):
             folder.rmdir()
 
 
-def _plot(name: str, clip: MotionClip, robot: Robot, paths: dict[str, Path]) -> None:
-    from tlr_exp.pictures.clip_plots import body_figure, joint_figure, write_figure
+def _plot(clip: MotionClip, robot: Robot, title: str, paths: dict[str, Path]) -> None:
+    from tlr_exp.pictures.media import write_figure
+    from tlr_exp.pictures.plots import body_figure, joint_figure
 
-    title = f"{name}: {size(clip)}"
     for part, figure in (("joints", joint_figure), ("bodies", body_figure)):
         if part in paths:
             print(write_figure(paths[part], figure(clip, robot, title)))
 
 
 def _render(
-    options: argparse.Namespace,
-    name: str,
-    clip: MotionClip,
+    recording: Recording,
     robot: Robot,
+    name: str,
     paths: dict[str, Path],
-    times: np.ndarray,
+    keyframes: np.ndarray,
+    video: dict[str, Any],
 ) -> int:
-    from tlr_exp.pictures.clip_pictures import strip_of_clip
     from tlr_exp.pictures.graphics import GraphicsUnavailable
+    from tlr_exp.pictures.media import write_image
+    from tlr_exp.pictures.strips import keyframe_strip
 
     try:
         if "keyframes" in paths:
-            print(strip_of_clip(paths["keyframes"], robot, clip, times))
+            strip = keyframe_strip(robot, recording, keyframes)
+            print(write_image(paths["keyframes"], strip))
         if "video" in paths:
-            _film(options, name, clip, robot, paths["video"])
+            _film(paths["video"], robot, recording, name, video)
     except GraphicsUnavailable as error:
         print(f"tlr-motion: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def _film(
-    options: argparse.Namespace, name: str, clip: MotionClip, robot: Robot, path: Path
-) -> None:
-    from tlr_exp.pictures.clip_pictures import film_clip, shown_frames
+def _film(path: Path, robot: Robot, recording: Recording, name: str, video: dict[str, Any]) -> None:
+    from tlr_exp.pictures.film import film
 
-    (width, height), shown = options.size, shown_frames(clip, options.fps)
+    shown = recording.frames_at_rate(video["frame_rate_hz"])
+    rate = recording.rate_of(shown)
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"{path.name}: drawing {len(shown)} frames", total=len(shown))
-        film_clip(
-            *(path, robot, clip, name),
-            width=width,
-            height=height,
-            frame_rate_hz=options.fps,
-            quality=options.quality,
-            drawn=lambda done, _: progress.update(task, completed=done),
+        film(
+            *(path, robot, recording),
+            heading=name,
+            drawn=lambda done: progress.update(task, completed=done),
+            **video,
         )
-    rate = clip.fps / (shown[1] - shown[0])
     print(f"{path}: {len(shown) / rate:.1f} s, {len(shown)} frames at {rate:.3g} fps")

@@ -4,7 +4,6 @@ docs/keyframes.md describes the files.
 """
 
 import hashlib
-import os
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from tlr_exp.machine import variables
 from tlr_exp.motion.authoring.balance import (
     GRAVITY,
     SLOW_SPEED_M_S,
@@ -152,7 +152,7 @@ def _authored(name: str) -> str:
 
 
 def _cached_clip(text: str, robot: Robot) -> MotionClip:
-    folder = _cache_folder()
+    folder = variables.cache_folder()
     if folder is None:
         return build_clip(text, robot)
     path = folder / f"{_content_hash(text, robot)}.npz"
@@ -165,15 +165,6 @@ def _cached_clip(text: str, robot: Robot) -> MotionClip:
         folder.mkdir(parents=True, exist_ok=True)
         clip.save(path)
     return clip
-
-
-def _cache_folder() -> Path | None:
-    """Where clips are kept; None for a user without a home."""
-    root = os.environ.get("XDG_CACHE_HOME", "")
-    try:
-        return (Path(root) if os.path.isabs(root) else Path.home() / ".cache") / "tlr_exp"
-    except RuntimeError:
-        return None
 
 
 def _content_hash(text: str, robot: Robot) -> str:

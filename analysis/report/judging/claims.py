@@ -1,17 +1,17 @@
 """What the paper claims, as numbers, and what a study can say to each claim.
 
 Numbers and figures are those of Xu, Zheng, Ren (Mathematics 2025, 13(21), 3445). A claim is judged
-by runs of any size whose policies track; `maturity` says where they have not come far enough.
+by runs of any size whose policies track; `verdicts` says where they have not come far enough.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from analysis.report import judges
+from analysis.report.cells import Table
 from analysis.report.evidence import Evidence
-from analysis.report.judges import Finding
-from analysis.report.maturity import taken_back, too_early
-from analysis.report.verdicts import Verdict
+from analysis.report.judging import judges
+from analysis.report.judging.judges import Finding
+from analysis.report.judging.verdicts import TRACKS, Verdict, taken_back, too_early
 from tlr_exp import keys
 from tlr_exp.env.terms import dof_pos_limits
 
@@ -37,6 +37,9 @@ class Claim:
     compared: str = ""
 
 
+Judged = Sequence[tuple[Claim, Finding]]
+
+
 def findings(evidence: Evidence) -> list[tuple[Claim, Finding]]:
     """Every claim with what the study says of it."""
     return [(claim, _judged(claim, evidence)) for claim in CLAIMS]
@@ -52,6 +55,25 @@ def _judged(claim: Claim, evidence: Evidence) -> Finding:
     if not reason:
         return finding
     return Finding(finding.ours, Verdict.CANNOT_SAY, f"{finding.reason}; but {reason}")
+
+
+def claims_table(judged: Judged) -> Table:
+    """The paper's number beside ours, and a verdict, for every claim."""
+    rows = tuple(
+        (c.statement, f"{c.paper} ({c.source})", f.ours, f.verdict.value, f.reason)
+        for c, f in judged
+    )
+    return Table(
+        "The paper's claims",
+        ("claim", "paper", "ours", "verdict", "why"),
+        rows,
+        "Brackets hold 95 % intervals with the seed as the unit. Each claim is judged by itself: "
+        "nothing is adjusted for their number. Claims about policies that track are judged where "
+        f"in one arm at least {100 * TRACKS:.0f} % of the roll-outs succeed (else: the motion is "
+        "survived; without either: no error still falls by more than 5 % in the last fifth); a "
+        "difference that another training as long would take away, by the slopes of "
+        "the last fifth, is no verdict.",
+    )
 
 
 CLAIMS = (

@@ -6,11 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.measures.endpoints import tail_mean
-from analysis.measures.quantities import LATENCY
+from analysis.measures.quantities import EVALUATE_S, ITERATION_S, LATENCY, WEIGHTS_S
 from analysis.report.cells import interval_text, p_text
 from analysis.report.evidence import Evidence
-from analysis.report.maturity import ALPHA, policies_track
-from analysis.report.verdicts import Verdict, above_zero, agreement, around
+from analysis.report.judging.verdicts import (
+    ALPHA,
+    Verdict,
+    above_zero,
+    agreement,
+    around,
+    policies_track,
+)
 from analysis.statistics.slope import tail_change
 from tlr_exp import keys
 from tlr_exp.env import terms
@@ -180,11 +186,11 @@ def mean_weight(name: str, paper: float) -> Callable[[Evidence], Finding]:
 
 def overhead(paper_share: float) -> Callable[[Evidence], Finding]:
     def judge(evidence: Evidence) -> Finding:
-        search = evidence.treatment_curve(_seconds("weights"))
+        search = evidence.treatment_curve(WEIGHTS_S)
         # As in Figure 15, without the evaluations, which the paper's iterations do not have.
-        training = evidence.treatment_sum(_seconds("iteration"))
-        training -= evidence.treatment_sum(_seconds("evaluate"))
-        share = evidence.treatment_sum(_seconds("weights")) / training
+        training = evidence.treatment_sum(ITERATION_S)
+        training -= evidence.treatment_sum(EVALUATE_S)
+        share = evidence.treatment_sum(WEIGHTS_S) / training
         ours = (
             f"{search.mean():.3g} ± {search.std():.2g} s, {100 * share:.2g} % of an iteration "
             "without its evaluation"
@@ -195,10 +201,6 @@ def overhead(paper_share: float) -> Callable[[Evidence], Finding]:
         )
 
     return judge
-
-
-def _seconds(phase: str) -> str:
-    return f"{keys.TIME_PREFIX}{phase}_s"
 
 
 _TWO_LAYERED_BETTER = "two-layered arm tracks better"

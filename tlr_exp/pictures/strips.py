@@ -1,4 +1,7 @@
-"""Policies below their reference, moment by moment, as in the paper's Figures 9 to 12."""
+"""Strips of pictures: a recording moment by moment; policies below their reference.
+
+The latter as in the paper's Figures 9 to 12.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,60 @@ from tlr_exp.evaluation.distances import body_distance, tilt
 from tlr_exp.evaluation.result import EvaluationResult
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.motion.checks import same_motion
-from tlr_exp.pictures.framing import frame_robots
+from tlr_exp.pictures.framing import camera_for, camera_path, frame_robots
+from tlr_exp.pictures.recording import Recording
 from tlr_exp.pictures.render import render_frames
 from tlr_exp.robot.model import Robot
 
 _INK, _GREY, _RED, _PAPER = (25, 30, 40), (95, 100, 110), (190, 30, 30), (255, 255, 255)
 _REFERENCE = "reference"
+
+
+def keyframe_strip(
+    robot: Robot,
+    recording: Recording,
+    frames: np.ndarray,
+    *,
+    width: int = 320,
+    height: int = 400,
+    quality: str = "full",
+) -> np.ndarray:
+    """Pictures of some states side by side, each with its time above.
+
+    Args:
+        robot: from ``build_robot(visuals=True)``.
+        recording: the states, without a reference.
+        frames: which of them [n].
+        width, height: of one picture, pixels.
+        quality: as ``render_frames``.
+
+    Returns:
+        uint8 [height, width, 3] of the whole strip.
+
+    Raises:
+        GraphicsUnavailable, ValueError: as ``render_frames``.
+    """
+    # A picture of its own stands still: what is in the middle of it is the pelvis.
+    lookat = np.column_stack([recording.qpos[:, :2], camera_path(recording)[:, 2]])
+    camera, lookat = camera_for(recording, lookat, frames, width / height)
+    pictures = render_frames(
+        robot,
+        recording.qpos[frames],
+        width=width,
+        height=height,
+        camera=camera,
+        lookat=lookat,
+        quality=quality,
+    )
+    strip = np.concatenate(list(pictures), axis=1)
+    size = max(10, height // 20)
+    page = Image.new("RGB", (strip.shape[1], 2 * size + height), _PAPER)
+    page.paste(Image.fromarray(strip), (0, 2 * size))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(size)
+    for column, frame in enumerate(frames):
+        label = f"{frame * recording.dt_s:.2f} s"
+        draw.text(((column + 0.5) * width, size), label, _INK, font, anchor="mm")
+    return np.asarray(page)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Whether the runs have come far enough for a claim: what the data say of it, not their number.
+"""What can be said of a claim: verdicts from intervals over seeds, and whether it is too early.
 
 A claim about policies that track is judged where policies track. A verdict on two arms stands
 unless their curves show that more training would take it back: still moving, at rates that close
@@ -7,22 +7,76 @@ the gap within another training as long. Both are asked of these runs, by tests 
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 import numpy as np
 
 from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.measures.quantities import SUCCESS, quantity
 from analysis.report.cells import NBSP, interval_text, p_text
-from analysis.report.evidence import Evidence
+from analysis.report.evidence import BODIES, Evidence, prediction_limits
+from analysis.statistics.results import Interval
 from analysis.statistics.slope import TailChange, tail_change
-from tlr_exp import keys
 
 TRACKS = 0.5  # of the roll-outs, or of the way through the motion, in the better arm at least
 ALPHA = 0.05
 CLAIMED = 0.05  # the paper's improvements are 4 and 5 %
-BODIES = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR)
 _LAST = "the last fifth of training"
+RANDOM_WEIGHT = 0.5  # the mean of weights drawn evenly from [0, 1]
 
 
+class Verdict(StrEnum):
+    """What can be said of a claim."""
+
+    REPRODUCED = "reproduced"
+    NOT_REPRODUCED = "not reproduced"
+    CANNOT_SAY = "cannot be said"
+
+
+def above_zero(interval: Interval, above: str, below: str) -> tuple[Verdict, str]:
+    """A verdict on the claim that a quantity is above zero, from its interval.
+
+    `above` and `below` say what it means if the quantity is that.
+    """
+    if np.isnan(interval.low):
+        return Verdict.CANNOT_SAY, interval.reason
+    limits = f"the {100 * interval.confidence:.0f} % interval over seeds"
+    if interval.low > 0:
+        return Verdict.REPRODUCED, f"the {above}: {limits} is above zero"
+    if interval.high < 0:
+        return Verdict.NOT_REPRODUCED, f"the {below}: {limits} is below zero"
+    return Verdict.CANNOT_SAY, f"{limits} contains zero: these seeds do not tell the arms apart"
+
+
+def agreement(
+    low: float, high: float, paper: float, nothing: float, nothing_is: str
+) -> tuple[Verdict, str]:
+    """A verdict on the paper's number from where one more run is expected, and a remark.
+
+    Runs that scatter so widely that `nothing` is expected as well as the paper's number agree with
+    everything, which reproduces nothing.
+    """
+    if not low <= paper <= high:
+        return Verdict.NOT_REPRODUCED, ""
+    if low <= nothing <= high:
+        return Verdict.CANNOT_SAY, f", which holds the paper's number and {nothing_is} alike"
+    return Verdict.REPRODUCED, ""
+
+
+def around(values: np.ndarray, paper: float, together: int = 1) -> tuple[Verdict, str]:
+    """A verdict on the claim that one run gave a weight near `paper`, from one number per seed [n].
+
+    `together`: of so many weights, all at 95 % (Bonferroni).
+    """
+    if values.size < 2:
+        return Verdict.CANNOT_SAY, "a single seed"
+    low, high = prediction_limits(values, 1 - 0.05 / together)
+    verdict, remark = agreement(low, high, paper, RANDOM_WEIGHT, "weights drawn at random")
+    level = "95 %" if together == 1 else f"95 % for all {together}"
+    return verdict, f"one more run is expected from {low:.2f} to {high:.2f} ({level}){remark}"
+
+
+# --- whether the runs have come far enough ----------------------------------------------------
 def tracked(evidence: Evidence) -> tuple[str, tuple[float, float]] | None:
     """By which measure the policies track, and its mean in both arms; None if none was measured.
 

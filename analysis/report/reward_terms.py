@@ -3,8 +3,7 @@
 import json
 from dataclasses import dataclass
 
-from analysis.data.study import Study, pretty_arm
-from analysis.figures.drawing import NotDrawnError
+from analysis.data.study import Study, StudyError, pretty_arm
 from tlr_exp.env.terms import PAPER_LOWER_LAYER, TERMS
 
 _SYMBOLS = {"margin": "ε", "sigma": "\N{GREEK SMALL LETTER SIGMA}"}
@@ -34,7 +33,7 @@ def table_1(study: Study) -> tuple[TermRow, ...]:
     A term that arms configure differently has a row per configuration.
 
     Raises:
-        NotDrawnError: the configurations have no lower layer.
+        StudyError: the configurations have no lower layer.
     """
     found: dict[tuple[str, float, str], list[str]] = {}
     for arm in study.arms:
@@ -44,7 +43,7 @@ def table_1(study: Study) -> tuple[TermRow, ...]:
                 if arm not in arms:
                     arms.append(arm)
     if not found:
-        raise NotDrawnError("no run's configuration has terms under reward.optimizing")
+        raise StudyError("no run's configuration has terms under reward.optimizing")
     return tuple(
         TermRow(
             name,

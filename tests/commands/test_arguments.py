@@ -1,10 +1,10 @@
-"""Sizes of pictures on command lines."""
+"""Arguments that commands share: sizes of pictures."""
 
 import argparse
 
 import pytest
 
-from tlr_exp.pictures.sizes import size_argument
+from tlr_exp.commands.arguments import size_argument
 
 
 def test_width_comes_first():
