@@ -39,11 +39,12 @@ from tlr_exp.viewing.recording import Recording
 hypothesis.settings.register_profile("no_deadline", deadline=None)
 hypothesis.settings.load_profile("no_deadline")
 
-# The rooms whose tests train, serve, draw or start commands, those that take longest first: so no
-# core waits for them at the end. ``--fast`` leaves them out.
-WHOLE_ROOMS = (
+# Where tests train, serve, draw or start commands. Those that take longest come first, so that no
+# core waits for them at the end; `--fast` leaves all of them out.
+LONG = (
     *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
     *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
+    *("analysis/data/test_load.py", "ppo/test_learning.py", "machine/test_terminal.py"),
     *("evaluation", "viewing", "physics", "cluster"),
 )
 
@@ -53,7 +54,7 @@ PELVIS_HEIGHT_M = 0.78
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--fast", action="store_true", help="only what is tested within seconds")
+    parser.addoption("--fast", action="store_true", help="leave out what trains, serves or draws")
 
 
 def pytest_configure() -> None:
@@ -76,18 +77,17 @@ def _memory_has_room() -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    return True if config.option.fast and room_of(collection_path) in WHOLE_ROOMS else None
+    return True if config.option.fast and rank(collection_path) < len(LONG) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    order = {room: number for number, room in enumerate(WHOLE_ROOMS)}
-    items.sort(key=lambda item: order.get(room_of(item.path.parent), len(order)))
+    items.sort(key=lambda item: rank(item.path))
 
 
-def room_of(folder: Path) -> str:
-    """The first of WHOLE_ROOMS that a folder of tests is or lies in, or the path of the folder."""
-    path = folder.relative_to(Path(__file__).parent).as_posix()
-    return next((room for room in WHOLE_ROOMS if f"{path}/".startswith(f"{room}/")), path)
+def rank(path: Path) -> int:
+    """The number in LONG of what the path lies in, or a number beyond them all."""
+    inner = f"{os.path.relpath(path, Path(__file__).parent)}/"
+    return next((n for n, place in enumerate(LONG) if inner.startswith(f"{place}/")), len(LONG))
 
 
 @pytest.fixture(scope="session")
