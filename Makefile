@@ -56,7 +56,7 @@ check: $(INSTALLED) ## Style, types and import contracts
 	$(BIN)/lint-imports
 
 # A file of tests stays in one process, with what its tests share.
-PYTEST := $(BIN)/python -m pytest -rs -n auto --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m pytest -rs -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 test: $(INSTALLED) ## The test suite, one process a core (slow and gpu tests apart: ARGS='-m slow')
 	$(PYTEST) $(ARGS)
