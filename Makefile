@@ -55,8 +55,14 @@ check: $(INSTALLED) ## Style, types and import contracts
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
-test: $(INSTALLED) ## The test suite (slow and gpu tests apart: ARGS='-m slow')
-	$(BIN)/python -m pytest -rs $(ARGS)
+# A file of tests stays in one process, with what its tests share.
+PYTEST := $(BIN)/python -m pytest -rs -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
+
+test: $(INSTALLED) ## The test suite, one process a core (slow and gpu tests apart: ARGS='-m slow')
+	$(PYTEST) $(ARGS)
+
+test-fast: $(INSTALLED) ## Most of it within a minute, after every edit: no whole runs, no servers, no pictures
+	$(PYTEST) --fast $(ARGS)
 
 cluster-tools: $(INSTALLED) ## Install SLURM, its accounts and Ray for test-cluster (Debian or Ubuntu, as root)
 	apt-get update -qq
@@ -75,4 +81,4 @@ bench-optimizers: $(INSTALLED) ## Compare the weight optimizers: table and pictu
 clean: ## Remove the environment and caches (never runs/)
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis .benchmarks build dist *.egg-info
 
-.PHONY: help install play train reproduce-paper report dashboard check test cluster-tools test-cluster bench bench-optimizers clean
+.PHONY: help install play train reproduce-paper report dashboard check test test-fast cluster-tools test-cluster bench bench-optimizers clean

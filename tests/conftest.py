@@ -5,6 +5,7 @@ The motion is synthetic, so that nothing here depends on the authored ones.
 
 import copy
 import dataclasses
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -14,6 +15,8 @@ from typing import Any
 import hypothesis
 import numpy as np
 import pytest
+import torch
+from filelock import FileLock
 from hydra import compose, initialize_config_module
 from learners import build_learner
 from tensordict.nn import TensorDictModule
@@ -39,8 +42,55 @@ from tlr_exp.viewing import native, web
 hypothesis.settings.register_profile("no_deadline", deadline=None)
 hypothesis.settings.load_profile("no_deadline")
 
+# Where tests train, serve, draw or start commands. Those that take longest come first, so that no
+# core waits for them at the end; `--fast` leaves all of them out.
+LONG = (
+    *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
+    *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
+    *("analysis/data/test_load.py", "ppo/test_learning.py", "machine/test_terminal.py"),
+    *("evaluation", "viewing", "physics", "cluster"),
+)
+
+MEMORY = "/dev/shm"  # where Linux keeps files in memory
 CLIP_FRAMES = 41
 PELVIS_HEIGHT_M = 0.78
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--fast", action="store_true", help="leave out what trains, serves or draws")
+
+
+def pytest_configure() -> None:
+    if _memory_has_room():
+        # MLflow's stores and the records of runs wait for a disk at every step; here for none.
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        # As many processes as cores: more threads, here and in commands, would only wait.
+        torch.set_num_threads(1)
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def _memory_has_room() -> bool:
+    """Whether files can lie in memory: some containers give little, or start no program there."""
+    try:
+        there = os.statvfs(MEMORY)
+    except OSError:
+        return False
+    return there.f_bavail * there.f_frsize > 4 * 2**30 and not there.f_flag & os.ST_NOEXEC
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    return True if config.option.fast and rank(collection_path) < len(LONG) else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: rank(item.path))
+
+
+def rank(path: Path) -> int:
+    """The number in LONG of what the path lies in, or a number beyond them all."""
+    inner = f"{os.path.relpath(path, Path(__file__).parent)}/"
+    return next((n for n, place in enumerate(LONG) if inner.startswith(f"{place}/")), len(LONG))
 
 
 @pytest.fixture
@@ -48,6 +98,13 @@ def trainer(tmp_path: Path, short_clip_path: Path) -> Iterator[Trainer]:
     trainer = Trainer(tmp_path, short_clip_path)
     yield trainer
     trainer.close()
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of the test run that all its processes see. What they make in it, they lock."""
+    own = tmp_path_factory.getbasetemp()
+    return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="session")
@@ -168,12 +225,14 @@ def shown_recordings(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Recording, i
 
 
 @pytest.fixture(scope="session")
-def made_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made_store(shared_folder: Path) -> Path:
     """An empty MLflow store, made once because that takes seconds; tests get copies."""
-    from tlr_exp.mlflow_sync.store import open_client
+    database = shared_folder / "mlflow.db"
+    with FileLock(shared_folder / "mlflow.lock"):
+        if not database.exists():
+            from tlr_exp.mlflow_sync.store import open_client
 
-    database = tmp_path_factory.mktemp("store") / "mlflow.db"
-    open_client(f"sqlite:///{database}")
+            open_client(f"sqlite:///{database}")
     return database
 
 

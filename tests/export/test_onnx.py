@@ -39,7 +39,8 @@ def run_of(settings_of, tmp_path_factory):
 
     def train(*overrides: str) -> Path:
         tiny = ("scale.num_envs=16", "scale.iterations=1", "ppo.num_steps=4", *overrides)
-        settings = settings_of(*tiny, "ppo.hidden_sizes=[16,8]")
+        threads = ("num_threads=1", "physics.num_threads=1")
+        settings = settings_of(*tiny, *threads, "ppo.hidden_sizes=[16,8]")
         run = RunDirectory.create(
             tmp_path_factory.mktemp("runs") / "run", dataclasses.asdict(settings), {}
         )

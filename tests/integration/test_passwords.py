@@ -1,6 +1,7 @@
 """A password for the tracking server: in no file, no output and no upload of a run or a sweep."""
 
 import base64
+import shutil
 import threading
 import urllib.error
 import urllib.request
@@ -86,9 +87,10 @@ def assert_nowhere(folder: Path, *texts: str | bytes) -> None:
         assert not [secret for secret in SECRETS if secret in content], name
 
 
-def test_a_password_in_the_uri_opens_the_server_and_is_written_nowhere(tmp_path, capfd):
+def test_a_password_in_the_uri_opens_the_server_and_is_written_nowhere(tmp_path, made_store, capfd):
     run = small_run(tmp_path / "runs" / "a", 3, experiment="guarded")
     (tmp_path / "server").mkdir()
+    shutil.copy(made_store, tmp_path / "server" / "mlflow.db")
     with (
         server(tmp_path / "server", free_port()) as behind,
         guarded(behind) as (address, received),

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -184,8 +185,9 @@ def test_ctrl_c_writes_a_checkpoint_and_says_how_to_go_on(trainer, undisturbed):
     assert_same(final_state(trainer.runs[0]), final_state(undisturbed))
 
 
-def test_a_finished_run_is_not_trained_again_and_never_overwritten(trainer):
-    assert trainer.run()[0] == 0
+def test_a_finished_run_is_not_trained_again_and_never_overwritten(trainer, undisturbed):
+    study = undisturbed.parent
+    shutil.copytree(study, trainer.folder / "runs" / study.name)
     before = final_state(trainer.runs[0])
     status, output = trainer.run("resume=auto")
     assert status == 0

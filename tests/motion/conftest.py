@@ -1,23 +1,20 @@
-"""Fixtures of the motion tests: one robot, one swaying clip, the gym-motion built once."""
+"""Fixtures of the motion tests: one swaying clip, the authored motions built once."""
 
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from tlr_exp.motion.authoring.ik import HandSolver
 from tlr_exp.motion.authoring.keyframes import build_clip
 from tlr_exp.motion.authoring.plan import MotionPlan
 from tlr_exp.motion.authoring.script import read_script
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
-from tlr_exp.robot.model import Robot, build_robot
-
-
-@pytest.fixture(scope="session")
-def robot() -> Robot:
-    return build_robot()
+from tlr_exp.robot.model import Robot
 
 
 @pytest.fixture(scope="session")
@@ -47,23 +44,30 @@ def gym_text() -> str:
 
 
 @pytest.fixture(scope="session")
-def gym_plan(robot: Robot, gym_text: str) -> MotionPlan:
-    return MotionPlan(read_script(gym_text, robot.spec, HandSolver(robot)), robot)
+def gym_plan(authored) -> MotionPlan:
+    return authored("gym_motion")[1]
 
 
 @pytest.fixture(scope="session")
-def gym_clip(robot: Robot, gym_text: str) -> MotionClip:
-    return build_clip(gym_text, robot)
+def gym_clip(authored) -> MotionClip:
+    return authored("gym_motion")[0]
 
 
 @pytest.fixture(scope="session")
-def authored(robot: Robot) -> Callable[[str], tuple[MotionClip, MotionPlan]]:
-    """An authored motion and its plan by name, built once however many tests look at it."""
+def authored(robot: Robot, shared_folder: Path) -> Callable[[str], tuple[MotionClip, MotionPlan]]:
+    """An authored motion and its plan by name, built once however many tests look at it.
+
+    Built anew in every run of the tests, whatever the user's cache has, and by one process.
+    """
 
     @cache
     def of(name: str) -> tuple[MotionClip, MotionPlan]:
         text = files("tlr_exp.motion.clips").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
         plan = MotionPlan(read_script(text, robot.spec, HandSolver(robot)), robot)
-        return build_clip(text, robot), plan
+        built = shared_folder / f"{name}.npz"
+        with FileLock(f"{built}.lock"):
+            if not built.exists():
+                build_clip(text, robot).save(built)
+        return MotionClip.load(built, robot.spec), plan
 
     return of

@@ -1,10 +1,12 @@
 """Starting states, targets and compiled engines that the tests of the engines share."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from filelock import FileLock
 from torch import Tensor
 
 from tlr_exp.physics.state import PhysicsState
@@ -60,15 +62,19 @@ def assert_same_bits() -> Callable[[PhysicsState, PhysicsState], None]:
 
 
 @pytest.fixture(scope="session")
-def make_mjx(robot: Robot) -> Callable[..., Any]:
-    """``make_mjx(impl, device)``: MJX with eight environments, compiled once a session."""
+def make_mjx(robot: Robot, shared_folder: Path) -> Callable[..., Any]:
+    """``make_mjx(impl, device)``: MJX with eight environments, compiled once a session.
+
+    By one process at a time: the others find the program in JAX's cache, which locks nothing.
+    """
     made: dict[tuple[str, str], Any] = {}
 
     def make(impl: str = "jax", device: str = "cpu") -> Any:
         if (impl, device) not in made:
             from tlr_exp.physics.mjx import MjxPhysics
 
-            made[impl, device] = MjxPhysics(robot, 8, impl, 35, 250, device=device)
+            with FileLock(shared_folder / "jax.lock"):
+                made[impl, device] = MjxPhysics(robot, 8, impl, 35, 250, device=device)
         return made[impl, device]
 
     return make

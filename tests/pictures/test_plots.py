@@ -14,7 +14,7 @@ from tlr_exp.pictures.plots import (
     joint_figure,
 )
 from tlr_exp.reward.split import RewardSplit
-from tlr_exp.robot.g1 import JOINT_NAMES, TRACKED_BODIES
+from tlr_exp.robot.g1 import G1
 
 SPLIT = RewardSplit({"body_pos": 1.0}, {}, 0.02, ["body_pos"])
 LIMITS = {"max_tilt": 0.8, "max_distance_m": 0.3}
@@ -26,10 +26,10 @@ def test_every_joint_is_drawn_with_its_limits(robot, short_clip):
     assert len(panels) == 13  # 23 joints, left and right in one panel, three of the waist
     assert sum(len(axis.get_lines()) for axis in panels.values()) == 23
     elbow = [line.get_ydata() for line in panels["elbow"].get_lines()]
-    joint = JOINT_NAMES.index("right_elbow_joint")
+    joint = G1.joint_names.index("right_elbow_joint")
     np.testing.assert_array_equal(elbow[1], short_clip.qpos[:, 7 + joint])
     roll = [line.get_ydata() for line in panels["shoulder roll"].get_lines()]
-    joint = JOINT_NAMES.index("right_shoulder_roll_joint")
+    joint = G1.joint_names.index("right_shoulder_roll_joint")
     np.testing.assert_array_equal(roll[1], -short_clip.qpos[:, 7 + joint])
     assert [text.get_text() for text in panels["knee"].texts] == ["-0.09 to 2.88"]
     velocities = [axis for axis in figure.axes if not axis.get_title()]
@@ -52,7 +52,7 @@ def test_bodies_are_drawn(robot, short_clip, tmp_path):
     figure = body_figure(short_clip, robot, "short")
     height, speed, _, image, _ = figure.axes
     lines = {line.get_label(): line.get_ydata() for line in height.get_lines()}
-    hand = TRACKED_BODIES.index("left_hand")
+    hand = G1.tracked_bodies.index("left_hand")
     np.testing.assert_array_equal(lines["left hand"], short_clip.body_pos_w[:, hand, 2])
     speeds = {line.get_label(): line.get_ydata() for line in speed.get_lines()}
     expected = np.linalg.norm(short_clip.body_lin_vel_w[:, hand], axis=1)

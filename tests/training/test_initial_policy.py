@@ -13,7 +13,10 @@ from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.training.initial_policy import begin_with, check_initial_policy
 
-TINY = ("scale.num_envs=16", "scale.iterations=1", "ppo.num_steps=4", "ppo.hidden_sizes=[16]")
+TINY = (
+    *("scale.num_envs=16", "scale.iterations=1", "ppo.num_steps=4", "ppo.hidden_sizes=[16]"),
+    *("num_threads=1", "physics.num_threads=1"),
+)
 
 
 @pytest.fixture(scope="module")

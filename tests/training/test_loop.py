@@ -26,6 +26,8 @@ TINY = (
     "scale.evaluate_every=3",
     "ppo.num_steps=4",
     "ppo.hidden_sizes=[16]",
+    "num_threads=1",
+    "physics.num_threads=1",
 )
 
 

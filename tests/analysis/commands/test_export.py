@@ -199,11 +199,13 @@ def test_exported_studies_are_sources_and_keep_their_notes(runs: Path, tmp_path:
 
 def test_an_mlflow_experiment(
     runs: Path,
+    made_store: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    uri = f"sqlite:///{tmp_path / 'runs' / 'mlflow.db'}"
+    (tmp_path / "runs").mkdir()
+    uri = f"sqlite:///{shutil.copy(made_store, tmp_path / 'runs' / 'mlflow.db')}"
     for seed in (0, 1):
         for arm in ("fixed", "gwo"):
             RunUpload(run_of(runs, f"demo-{arm}-seed{seed}"), uri, "my study").push()

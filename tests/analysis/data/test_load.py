@@ -30,9 +30,10 @@ SEEDS, ITERATIONS = 2, 5
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(made_store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """runs/ with four runs, and mlflow.db with the same; made once, because that takes seconds."""
     root = tmp_path_factory.mktemp("made")
+    shutil.copy(made_store, root / "mlflow.db")
     study = make_study(np.random.default_rng(0), seeds=range(SEEDS), iterations=ITERATIONS)
     for path in write_run_directories(study, root / "runs"):
         RunUpload(RunDirectory(path), f"sqlite:///{root / 'mlflow.db'}", EXPERIMENT).push()

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -154,9 +155,9 @@ def test_a_report_is_not_replaced_unless_asked(report: Report, folder: Path) -> 
 
 
 def test_what_is_no_part_of_a_report_stays_when_it_is_replaced(
-    report: Report, tmp_path: Path
+    report: Report, folder: Path, tmp_path: Path
 ) -> None:
-    page = write_report(report, tmp_path / "report")
+    page = Path(shutil.copytree(folder, tmp_path / "report")) / "report.html"
     notes, mine = page.parent / "notes.txt", page.parent / "figures" / "mine.png"
     notes.write_text("of a reader")
     mine.write_bytes(b"a figure of a reader")

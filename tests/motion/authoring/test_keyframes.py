@@ -47,10 +47,10 @@ def short(tmp_path):
     return path
 
 
-def test_authored_motions_are_listed_and_load_by_name(robot, gym_clip, cache):
-    assert "gym_motion" in motion_names()
-    clip = load_motion("gym_motion", robot)
-    np.testing.assert_array_equal(clip.qpos, gym_clip.qpos)
+def test_authored_motions_are_listed_and_load_by_name(robot, authored, cache):
+    assert "stand" in motion_names()
+    clip = load_motion("stand", robot)
+    np.testing.assert_array_equal(clip.qpos, authored("stand")[0].qpos)
 
 
 def test_unknown_name_lists_the_names(robot, cache):
