@@ -20,7 +20,6 @@ from analysis.data.starts import STARTS
 from analysis.data.study import Study
 from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_tables
 from tlr_exp.machine.terminal import add_version, command
-from tlr_exp.records.outputs import add_force
 from tlr_exp.records.places import plain_command
 
 _EPILOG = """\
@@ -70,7 +69,11 @@ def export_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
     )
-    add_force(parser, f"{', '.join(FILES)} and {STARTS} in a FOLDER that is not empty")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help=f"replace {', '.join(FILES)} and {STARTS} in a FOLDER that is not empty",
+    )
     return parser
 
 

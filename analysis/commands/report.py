@@ -17,7 +17,6 @@ from analysis.commands.sources import (
 from analysis.report.content import gather
 from analysis.report.pages import check_place, write_report
 from tlr_exp.machine.terminal import add_version, command
-from tlr_exp.records.outputs import add_force
 
 
 @command("tlr-report")
@@ -54,7 +53,7 @@ def report_parser() -> argparse.ArgumentParser:
         metavar="COMMAND",
         help="shown as the command that repeats the study (default: the sweep that its runs make)",
     )
-    add_force(parser, "a report that is there")
+    parser.add_argument("--force", action="store_true", help="replace a report that is there")
     return parser
 
 

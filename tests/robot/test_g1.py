@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from tlr_exp.config.limits import GAIN_SETS
 from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION, SIM_DT_S
 
@@ -99,10 +98,6 @@ def test_joint_order_is_that_of_the_table() -> None:
     assert tuple(ASAP) == G1.joint_names
     assert tuple(BEYONDMIMIC) == G1.joint_names
     assert G1.num_joints == 23
-
-
-def test_every_set_of_gains_that_a_configuration_may_name_is_there() -> None:
-    assert G1.gain_sets == GAIN_SETS
 
 
 @pytest.mark.parametrize("gains", G1.gain_sets)

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tlr_exp.config.limits import COLLISION_SETS
-from tlr_exp.robot.model import Robot, build_robot, load_source, model_scene
+from tlr_exp.robot.model import COLLISION_SETS, Robot, build_robot, load_source, model_scene
 
 
 @pytest.fixture(scope="module")

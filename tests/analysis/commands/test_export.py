@@ -15,6 +15,7 @@ from analysis.data.run_directories import from_run_directories
 from analysis.data.study import StudyError
 from analysis.data.tables import from_tables
 from tlr_exp.mlflow_sync.upload_run import RunUpload
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
 
@@ -208,7 +209,7 @@ def test_an_mlflow_experiment(
     uri = f"sqlite:///{shutil.copy(made_store, tmp_path / 'runs' / 'mlflow.db')}"
     for seed in (0, 1):
         for arm in ("fixed", "gwo"):
-            RunUpload(run_of(runs, f"demo-{arm}-seed{seed}"), uri, "my study").push()
+            RunUpload(RunDirectory(run_of(runs, f"demo-{arm}-seed{seed}")), uri, "my study").push()
     arguments = ["--experiment", "my study", "-o"]
     assert main([*arguments, str(tmp_path / "a"), "--tracking-uri", uri]) == 0
     assert from_tables(tmp_path / "a").seeds("gwo") == (0, 1)

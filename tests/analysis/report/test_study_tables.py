@@ -8,11 +8,11 @@ import pytest
 from studies import make_study
 
 from analysis.data.study import StudyError
-from analysis.measures.quantities import FORMULAS
 from analysis.measures.swept import sweep_of
 from analysis.report.reward_terms import table_1
 from analysis.report.study_tables import metrics_of, values_table
 from tlr_exp import keys
+from tlr_exp.env.terms import PAPER_LOWER_LAYER, TERMS
 
 STATIC, LAYERED = "static", "two-layered (GWO)"
 
@@ -58,9 +58,12 @@ def test_table_1_names_arms_that_differ():
     ]
 
 
-def test_table_1_has_a_formula_for_every_penalty():
-    goal = {name for name, constants in keys.TERM_PARAMETERS.items() if "sigma" in constants}
-    assert set(FORMULAS) == set(keys.TERM_NAMES) - goal
+def test_table_1_has_a_formula_and_a_unit_for_every_term_and_none_for_one_it_does_not_know():
+    layer = {"optimizing": dict.fromkeys((*TERMS, "of_another_version"), -1.0)}
+    *known, unknown = table_1(configured(two_arms(), {"fixed": layer, "gwo": layer}))
+    assert all(row.formula and row.unit for row in known)
+    assert (unknown.formula, unknown.unit, unknown.in_paper) == ("", "", False)
+    assert {row.name for row in known if row.in_paper} == set(PAPER_LOWER_LAYER)
 
 
 def test_table_1_without_a_lower_layer():
