@@ -17,7 +17,8 @@ from tests.integration.conftest import Trainer
 from tlr_exp.commands import evaluate, sync
 from tlr_exp.config.identity import run_identity
 from tlr_exp.config.load import plain_config, with_absolute_paths
-from tlr_exp.records.run_directory import FINISHED, INTERRUPTED, RunDirectory
+from tlr_exp.records.directory import FINISHED, INTERRUPTED
+from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
 DATA = Path(__file__).parents[1] / "data" / "earlier_version"

@@ -92,7 +92,7 @@ class ParticleSwarm(ChosenWeights):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.set_box(self.lower, self.upper, self.tie_break)
-        check_at_least("pack_size", self.pack_size, 3)
+        check_at_least("pack_size", self.pack_size, 2)
         check_at_least("iterations", self.iterations, 1)
         check_within("inertia", self.inertia, 0.0, 1.0)
         check_within("cognitive", self.cognitive, 0.0, 4.0)
