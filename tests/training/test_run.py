@@ -113,7 +113,8 @@ def test_a_training_goes_on_with_what_its_check_has_built(settings_of, tmp_path)
     training = Training(settings, RunDirectory.create(tmp_path / "run", {"seed": 0}, {}), parts)
     assert training.trainer.weight_optimizer is parts.weight_optimizer is not again
     assert training.trainer.box_sample.objective is parts.objective
-    np.testing.assert_array_equal(MotionClip.load(training.run.motion_path).qpos, parts.clip.qpos)
+    kept = MotionClip.load(training.run.motion_path, parts.robot.spec)
+    np.testing.assert_array_equal(kept.qpos, parts.clip.qpos)
 
 
 @pytest.mark.parametrize(
