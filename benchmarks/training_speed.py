@@ -16,6 +16,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1]
@@ -24,10 +25,11 @@ PHASES = ("collect", "weights", "advantage", "update", "landscape", "iteration")
 # that of the installed checkout.
 LAUNCH = """
 import sys
+from importlib import import_module
 import tlr_exp
 tlr_exp.__path__.append(sys.argv.pop(1))
-from tlr_exp.commands.train import main
-main()
+module, function = sys.argv.pop(1).split(":")
+getattr(import_module(module), function)()
 """
 
 
@@ -63,7 +65,9 @@ def train(checkout: Path, overrides: list[str]) -> list[dict[str, float]]:
     """Seconds of every phase of every iteration but the first (and the last, which evaluates)."""
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-c", LAUNCH, str(checkout), *overrides, f"runs_dir={folder}"]
+        project = tomllib.loads((checkout / "pyproject.toml").read_text(encoding="utf-8"))
+        launch = [LAUNCH, str(checkout), project["project"]["scripts"]["tlr-train"]]
+        command = [sys.executable, "-c", *launch, *overrides, f"runs_dir={folder}"]
         # What goes wrong is said on stderr.
         subprocess.run(
             command, cwd=checkout, env=environment, check=True, stdout=subprocess.DEVNULL

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from analysis.commands.sources import (
     add_selection,
@@ -14,11 +15,11 @@ from analysis.commands.sources import (
     advice,
     check_sources,
     source_names,
-    study_of,
+    studies_of,
 )
 from analysis.data.starts import STARTS
 from analysis.data.study import Study
-from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_tables
+from analysis.data.tables import CURVES, FILES, RUNS, is_occupied, write_motions, write_tables
 from tlr_exp.machine.terminal import add_version, command
 from tlr_exp.records.places import plain_command
 
@@ -41,15 +42,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else list(arguments)
     with advice():
         is_occupied(options.output, options.force)  # before runs are loaded
-        study = study_of(options)
-        manifest = write_tables(
-            study,
-            options.output,
-            source=source_names(options),
-            command=plain_command(shlex.join(["tlr-export", *words])),
-            force=options.force,
-        )
-    for line in _report(study, options.output):
+        studies = studies_of(options)
+        told = {
+            "source": source_names(options),
+            "command": plain_command(shlex.join(["tlr-export", *words])),
+            "force": options.force,
+        }
+        if len(studies) == 1:
+            (study,) = studies.values()
+            _export(study, options.output, **told)
+            return
+        for motion, study in studies.items():
+            _export(study, options.output / motion, **told)
+        write_motions(options.output, {motion: motion for motion in studies})
+
+
+def _export(study: Study, folder: Path, **told: Any) -> None:
+    manifest = write_tables(study, folder, **told)
+    for line in _report(study, folder):
         print(line)
     for note in manifest["notes"]:
         print(f"  note: {note}")

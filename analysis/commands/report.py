@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from analysis.commands.sources import (
@@ -12,10 +12,12 @@ from analysis.commands.sources import (
     add_sources,
     advice,
     check_sources,
-    study_of,
+    studies_of,
 )
-from analysis.report.content import gather
-from analysis.report.pages import check_place, write_report
+from analysis.data.study import Study
+from analysis.report.content import Report, gather
+from analysis.report.motions import gather_motions
+from analysis.report.pages import PAGE, check_place, write_report
 from tlr_exp.machine.terminal import add_version, command
 
 
@@ -27,11 +29,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     check_sources(parser, options)
     with advice():
         check_place(options.output, options.force)  # before a minute of statistics
-        study = study_of(options)
-        commands = options.repeat or study.runs["command"].tolist()
-        report = gather(study, commands, lambda step: print(f"  {step} …", flush=True))
-        page = write_report(report, options.output, options.force)
-    print(page)
+        studies = studies_of(options)
+        for folder, report in _reports(studies, options.repeat):
+            page = write_report(report, options.output / folder, options.force)
+            print(page)
+
+
+def _reports(studies: Mapping[str, Study], repeat: str | None) -> Iterator[tuple[str, Report]]:
+    """The reports with the folders to put them into: of several motions first that of all."""
+
+    def progress(step: str) -> None:
+        print(f"  {step} …", flush=True)
+
+    commands = {motion: study.runs["command"].tolist() for motion, study in studies.items()}
+    if len(studies) == 1:
+        ((motion, study),) = studies.items()
+        yield "", gather(study, repeat or commands[motion], progress)
+        return
+    every = [repeat] if repeat else [each for own in commands.values() for each in own]
+    yield "", gather_motions(studies, every, {name: f"{name}/{PAGE}" for name in studies}, progress)
+    for motion, study in studies.items():
+        progress(f"the motion {motion}")
+        yield motion, gather(study, commands[motion], progress)
 
 
 def report_parser() -> argparse.ArgumentParser:

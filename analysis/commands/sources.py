@@ -5,20 +5,22 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from analysis.data.check import checked, rechecked
+from analysis.data.motions import checked_by_motion, with_the_same_arms
 from analysis.data.publishable import publishable
 from analysis.data.run_directories import arms_of_sweep, from_run_directories
-from analysis.data.runs import records_of
-from analysis.data.settings import OPTIMIZER
+from analysis.data.runs import RunRecord, records_of
+from analysis.data.settings import OPTIMIZER, covers
 from analysis.data.starts import of_runs, read_starts, starts_beside
 from analysis.data.study import Remedy, Study, StudyError
-from analysis.data.tables import from_tables, is_exported
+from analysis.data.tables import exported_in, from_tables, is_exported
+from tlr_exp.config.input_files import MOTION
 from tlr_exp.machine import variables
 from tlr_exp.mlflow_sync.tracking_uri import STORE, default_tracking_uri
 from tlr_exp.records.places import plain_text
@@ -48,11 +50,76 @@ def load_study(
         StudyError: one line for each problem.
     """
     paths = [Path(source) for source in sources]
-    if bool(paths) == bool(experiment):
-        raise StudyError("give either sources or an experiment")
     if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
         study = rechecked(from_tables(paths[0]))
         return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
+    unfinished = bool(choices.get("allow_unfinished"))
+    found = _found(paths, experiment, tracking_uri, sweep, unfinished)
+    return found.with_all(checked(found.records, arm_keys or found.arm_keys, **choices), starts)
+
+
+def load_studies(
+    sources: Iterable[str | Path] = (),
+    experiment: str | None = None,
+    tracking_uri: str | None = None,
+    sweep: str | None = None,
+    arm_keys: Sequence[str] | None = None,
+    starts: str | Path | None = None,
+    **choices: Any,
+) -> dict[str, Study]:
+    """The studies of `load_study` by their motions, one for each motion of the runs.
+
+    A folder with an exported study of each motion, as tlr-export writes it, is a source, too. Where
+    the motion is an arm, or one of them is chosen, there is one study.
+
+    Raises:
+        StudyError: as `load_study`; motions without the same arms.
+    """
+    paths = [each for source in sources for each in exported_in(Path(source))]
+    asked = (experiment, tracking_uri, sweep)
+    if len(paths) > 1 and all(map(is_exported, paths)) and arm_keys is None and not choices:
+        studies = [load_study([path], starts=starts) for path in paths]
+        motions = [study.runs["motion"].iloc[0] for study in studies]
+        if len(set(motions)) == len(studies):
+            return with_the_same_arms(dict(zip(motions, studies, strict=True)))
+    if len(paths) == 1 and is_exported(paths[0]):
+        study = load_study(paths, *asked, arm_keys, starts, **choices)
+        return {study.runs["motion"].iloc[0]: study}
+    found = _found(paths, *asked, bool(choices.get("allow_unfinished")))
+    arms = arm_keys or found.arm_keys
+    may_differ = covers([*arms, *choices.get("ignore", ())], MOTION)
+    if choices.get("motion") or may_differ or not found.records:
+        study = found.with_all(checked(found.records, arms, **choices), starts)
+        return {study.runs["motion"].iloc[0]: study}
+    studies = checked_by_motion(found.records, arms, **choices)
+    return {motion: found.with_all(study, starts) for motion, study in studies.items()}
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What lies in the sources, before it is a study; the arms are those of the sweep, if any."""
+
+    records: list[RunRecord]
+    arm_keys: tuple[str, ...]
+    exported: list[Study]
+    folders: list[Path]
+
+    def with_all(self, study: Study, starts: str | Path | None) -> Study:
+        """A study of these runs, with the notes of earlier exports, which hold still; roll-outs."""
+        notes = [note for each in self.exported for note in each.notes]
+        study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
+        return _with_starts(study, _roll_outs(self.exported, self.folders, starts))
+
+
+def _found(
+    paths: Sequence[Path],
+    experiment: str | None,
+    tracking_uri: str | None,
+    sweep: str | None,
+    allow_unfinished: bool,
+) -> _Found:
+    if bool(paths) == bool(experiment):
+        raise StudyError("give either sources or an experiment")
     exported = [from_tables(path) for path in paths if is_exported(path)]
     folders = [path for path in paths if not is_exported(path)]
     records = [record for study in exported for record in records_of(study)]
@@ -61,13 +128,10 @@ def load_study(
 
         records += from_mlflow(tracking_uri or default_tracking_uri(RUNS_DIR), experiment, sweep)
     if folders:
-        records += from_run_directories(folders, bool(choices.get("allow_unfinished")))
+        records += from_run_directories(folders, allow_unfinished)
     told = dict.fromkeys(key for folder in folders for key in arms_of_sweep(folder))
-    study = checked(publishable(records), arm_keys or tuple(told) or (OPTIMIZER,), **choices)
-    # What was left out or noted at an earlier export is true still.
-    notes = [note for each in exported for note in each.notes]
-    study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
-    return _with_starts(study, _roll_outs(exported, folders, starts))
+    arm_keys = tuple(key for key in told if not covers([key], MOTION))
+    return _Found(publishable(records), arm_keys or (OPTIMIZER,), exported, folders)
 
 
 def _roll_outs(
@@ -162,8 +226,8 @@ def check_sources(parser: argparse.ArgumentParser, options: argparse.Namespace) 
         parser.error("--tracking-uri and --sweep go with --experiment")
 
 
-def study_of(options: argparse.Namespace) -> Study:
-    """The study that the arguments of `add_sources` and `add_selection` ask for.
+def studies_of(options: argparse.Namespace) -> dict[str, Study]:
+    """The studies, by motion, that the arguments of `add_sources` and `add_selection` ask for.
 
     Raises:
         StudyError: names everything that speaks against it.
@@ -176,7 +240,7 @@ def study_of(options: argparse.Namespace) -> Study:
         "motion": options.motion,
         "baseline": options.baseline,
     }
-    return load_study(
+    return load_studies(
         options.sources,
         options.experiment,
         options.tracking_uri,

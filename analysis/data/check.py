@@ -12,6 +12,7 @@ from analysis.data.settings import (
     OPTIMIZER,
     TOLD,
     arm_labels,
+    covers,
     differences,
     labelled_keys,
     spread,
@@ -26,6 +27,7 @@ from analysis.data.study import (
     iteration_problems,
 )
 from tlr_exp.config.identity import NOT_IDENTITY
+from tlr_exp.config.input_files import MOTION
 from tlr_exp.config.nested import flat
 from tlr_exp.keys import ITERATION
 from tlr_exp.records.directory import FINISHED, RUNNING, STATUSES
@@ -46,10 +48,11 @@ def checked(
 ) -> Study:
     """The study of `records`, whose arms differ in the configuration keys `arm_keys`.
 
-    Refused are runs of several motions where these are arms, since errors on one motion are none on
-    another; and all at once: unfinished runs and finished ones that lack iterations; seeds that one
-    arm has and another lacks; two runs of one arm and seed; settings that differ beyond the arm
-    keys, the seed, and the keys that do not change what is learned (`identity.NOT_IDENTITY`).
+    Refused are runs of several motions, since errors on one motion are none on another
+    (`motions.py` makes a study of each); and all at once: unfinished runs and finished ones that
+    lack iterations; seeds that one arm has and another lacks; two runs of one arm and seed;
+    settings that differ beyond the arm keys, the seed, and the keys that do not change what is
+    learned (`identity.NOT_IDENTITY`).
     Different commits, versions and machines are not refused but become notes of the study.
 
     allow_unfinished: take unfinished runs as far as they have come (those without any iteration are
@@ -65,7 +68,7 @@ def checked(
     """
     if not records:
         raise StudyError("there is no run")
-    records = _of_one_motion(records, arm_keys, motion)
+    records = _of_one_motion(records, motion, ignore)
     problems = [*_name_problems(records), *unknown_keys(records, [*arm_keys, *ignore])]
     if problems:
         raise StudyError("\n".join(problems))
@@ -100,17 +103,17 @@ def _refuse(found: Iterable[tuple[Remedy | None, Iterable[str]]]) -> None:
 
 
 def _of_one_motion(
-    records: Sequence[RunRecord], arm_keys: Sequence[str], motion: str
+    records: Sequence[RunRecord], motion: str, ignore: Sequence[str]
 ) -> Sequence[RunRecord]:
-    """The runs of `motion`, or all where the arms do not differ in it.
+    """The runs of `motion`, or all where they have one, or where it may differ.
 
     Raises:
-        StudyError: no run of this motion, or arms of several motions; names those there are.
+        StudyError: no run of this motion, or runs of several motions; names those there are.
     """
     motions = sorted({record.motion for record in records})
     if motion and motion not in motions:
         raise StudyError(f"no run has the motion {motion!r}; there are {', '.join(motions)}")
-    if not motion and len(motions) > 1 and {"env", "env.motion"} & set(arm_keys):
+    if not motion and len(motions) > 1 and not covers(ignore, MOTION):
         raise StudyError(
             f"runs of several motions cannot be compared: {', '.join(motions)}", Remedy.ONE_MOTION
         )

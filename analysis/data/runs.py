@@ -14,6 +14,7 @@ import pandas as pd
 
 from analysis.data.study import CURVE_KEYS, RUN, Study, StudyError, rows_of
 from tlr_exp.config.versions import of_any_version
+from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION
 
 DIRTY = "-dirty"  # behind a commit: the source had local changes
@@ -116,7 +117,7 @@ def curve_from_rows(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
             if name != ITERATION and value is not None:
                 if not isinstance(value, int | float):
                     where = f"iteration {row[ITERATION]}"
-                    raise ValueError(f"{name} is {value!r} in {where}; it must be a number")
+                    raise UserError(f"{name} is {value!r} in {where}; it must be a number")
                 columns[name][index] = value
     iterations = np.array([row[ITERATION] for row in rows], dtype=np.int64)
     return pd.DataFrame({ITERATION: iterations, **columns})

@@ -35,6 +35,8 @@ from tlr_exp.records.storage import json_bytes, write_through
 RUNS, CURVES = f"runs{TABLE_SUFFIX}", f"curves{TABLE_SUFFIX}"
 FILES = (RUNS, CURVES, MANIFEST)  # that every exported study has
 FORMAT, VERSION = "tlr_exp study", 1
+# Of a folder with an exported study of each of several motions.
+MOTIONS, MOTIONS_FORMAT = "motions.json", "tlr_exp motions"
 
 
 def write_tables(
@@ -152,6 +154,28 @@ def is_occupied(folder: Path, force: bool = False) -> bool:
 def is_exported(folder: Path) -> bool:
     """Whether `folder` looks like an exported study rather than runs."""
     return any((folder / name).is_file() for name in (RUNS, CURVES))
+
+
+def write_motions(folder: Path, motions: Mapping[str, str]) -> None:
+    """Write down which folders within `folder` are the studies of which motions."""
+    content = {"format": MOTIONS_FORMAT, "motions": dict(motions)}
+    write_through(folder / MOTIONS, json_bytes(content))
+
+
+def exported_in(folder: Path) -> list[Path]:
+    """The exported studies, one a motion, of a folder that has some; else the folder itself.
+
+    Raises:
+        StudyError: the list of its motions is damaged.
+    """
+    path = folder / MOTIONS
+    if not path.is_file():
+        return [folder]
+    try:
+        motions = json.loads(path.read_text(encoding="utf-8"))["motions"]
+        return [folder / name for name in motions.values()]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StudyError(f"{path}: cannot be read ({_short(error)})") from error
 
 
 def _manifest(

@@ -231,14 +231,15 @@ def _numbers(
         },
         "false_positive_rates": {name: asdict(each) for name, each in rates.items()},
     }
-    return _without_nan(numbers)
+    return without_nan(numbers)
 
 
-def _without_nan(node: Any) -> Any:
+def without_nan(node: Any) -> Any:
+    """Numbers for JSON: what is not finite is null."""
     if isinstance(node, dict):
-        return {name: _without_nan(value) for name, value in node.items()}
+        return {name: without_nan(value) for name, value in node.items()}
     if isinstance(node, list | tuple):
-        return [_without_nan(value) for value in node]
+        return [without_nan(value) for value in node]
     if isinstance(node, float) and not math.isfinite(node):
         return None
     return node

@@ -17,6 +17,7 @@ from analysis.statistics.intervals import difference_interval, relative_improvem
 from analysis.statistics.paper import PaperAnalysis, paper_analysis
 from analysis.statistics.results import Array, Interval
 from tlr_exp import keys
+from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION
 
 BODIES = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR)
@@ -205,7 +206,7 @@ def prediction_limits(values: Array, confidence: float = 0.95) -> Limits:
         ValueError: fewer than two values.
     """
     if values.size < 2:
-        raise ValueError(f"a prediction needs at least two values, got {values.size}")
+        raise UserError(f"a prediction needs at least two values, got {values.size}")
     reach = stats.t.ppf((1 + confidence) / 2, values.size - 1)
     half = float(reach * values.std(ddof=1) * np.sqrt(1 + 1 / values.size))
     return float(values.mean()) - half, float(values.mean()) + half

@@ -29,6 +29,7 @@ from analysis.statistics.results import (
     undefined_interval,
     undefined_test,
 )
+from tlr_exp.errors import UserError
 
 RESAMPLES = 2_000
 
@@ -177,7 +178,7 @@ def performance_profiles(
     checked_confidence(confidence)
     problem = _ratio_problem(pairs)
     if problem:
-        raise ValueError(problem)
+        raise UserError(problem)
 
     def shares(each: Pairs) -> Array:
         rows = []
@@ -232,7 +233,7 @@ def _drawn(sample: Array, generator: np.random.Generator) -> Array:
 
 def _checked(baseline: Strata, treatment: Strata) -> Pairs:
     if len(baseline) != len(treatment) or len(baseline) == 0:
-        raise ValueError(
+        raise UserError(
             f"both arms need the same motions, one at least; got {len(baseline)} of baseline and "
             f"{len(treatment)} of treatment"
         )

@@ -23,7 +23,10 @@ def main():
 def test_a_checkout_trains_by_its_own_package_and_configuration(tmp_path: Path) -> None:
     (tmp_path / "tlr_exp").mkdir()
     (tmp_path / "tlr_exp/__init__.py").touch()
-    (tmp_path / "tlr_exp/commands/train.py").write_text(TRAIN)
+    (tmp_path / "tlr_exp/begin.py").write_text(TRAIN)
+    (tmp_path / "pyproject.toml").write_text(
+        '[project.scripts]\ntlr-train = "tlr_exp.begin:main"\n'
+    )
     (tmp_path / "conf").mkdir()
     (tmp_path / "conf/__init__.py").write_text("SECONDS = 5.0\n")
     rows = train(tmp_path, ["scale.iterations=4"])

@@ -132,7 +132,7 @@ def test_an_environment_steps_it(spec, clip, wristed, settings_of, observation):
         physics=NativePhysics(wristed, 2, num_threads=1),
         reference=Reference(clip),
         robot=wristed,
-        terms={keys.UPPER_BODY_POS: {"sigma": 0.03}, keys.FEET_POS: {"sigma": 0.03}},
+        terms={"upper_body_pos": {"sigma": 0.03}, "feet_pos": {"sigma": 0.03}},
         settings=settings.env,
         seed=0,
     )

@@ -121,7 +121,7 @@ class StartFrames:
         """
         found = state["failures"]
         if found.shape != self.failures.shape:
-            raise ValueError(
+            raise UserError(
                 f"the saved start phases have {len(found)} bins, this motion has "
                 f"{len(self.failures)}: they were saved with another motion"
             )

@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, chosen_checkpoint
 from tlr_exp.records.directory import MANIFEST
 
@@ -53,7 +54,7 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     run_path = path
     if path.suffix == ".pt":
         if checkpoint is not None:
-            raise ValueError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
+            raise UserError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
         run_path = path.absolute().parent.parent
     run = RunDirectory.open(run_path)
     from tlr_exp.config.load import load_settings
@@ -70,7 +71,7 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     check_files(run, config)
     file = path if path.suffix == ".pt" else chosen_checkpoint(run.path / CHECKPOINTS, checkpoint)
     if not file.stem.isdecimal():
-        raise ValueError(f"{file} is no checkpoint of a run: its name is not an iteration")
+        raise UserError(f"{file} is no checkpoint of a run: its name is not an iteration")
     return Choice(run.path, settings, file, int(file.stem), engine, motion)
 
 
@@ -105,7 +106,7 @@ def _physics_name(config: dict[str, Any], wanted: str | None) -> str:
         names = [name for name, node in nodes.items() if node["_target_"] == target]
         return names[0] if names else target.rpartition(".")[2]
     if wanted not in nodes:
-        raise ValueError(f"--physics is {wanted!r}; allowed are {', '.join(nodes)}")
+        raise UserError(f"--physics is {wanted!r}; allowed are {', '.join(nodes)}")
     return wanted
 
 

@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from tlr_exp import keys
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.machine.cores import one_torch_thread
 
@@ -35,7 +36,7 @@ def rollout(
         ValueError: the environment can end an episode by a failure.
     """
     if env.failures:
-        raise ValueError("an evaluation needs an environment with failures=False")
+        raise UserError("an evaluation needs an environment with failures=False")
     rows: dict[str, list[torch.Tensor]] = {
         name: [] for name in (*_OF_THE_STATE, "terms", "unstable")
     }

@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from tlr_exp.assembly.world import build_clip, build_robot_of
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.export.small_clip import small_clip
 from tlr_exp.keys import EVAL_PREFIX, ITERATION
@@ -76,7 +77,7 @@ def write_folder(choice: Choice, output: Path, force: bool) -> None:
     """
     mjcf = choice.settings.env.robot.mjcf
     if mjcf is not None:
-        raise ValueError(
+        raise UserError(
             f"{choice.run.name} was trained on a robot model of its own (env.robot.mjcf: "
             f"{Path(mjcf).name}), whose files a policy folder does not hold; only policies of the "
             "built-in robot are exported"

@@ -6,6 +6,7 @@ from tlr_exp.env.observations import (
     JOINT_VEL_SCALE,
     LIN_VEL_SCALE,
 )
+from tlr_exp.errors import UserError
 from tlr_exp.robot.spec import RobotSpec
 
 
@@ -38,7 +39,7 @@ def observation_layout(observation: str, spec: RobotSpec) -> list[dict[str, obje
         ]
         root = [_part("root_pos, world", 3), _part("root_quat wxyz, world", 4)]
         return [*root, moving, turning, *joints, last, *bodies]
-    raise ValueError(f"there is no observation {observation!r}")
+    raise UserError(f"there is no observation {observation!r}")
 
 
 def _part(

@@ -25,6 +25,7 @@ from torchrl.modules import MLP
 
 from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.config.settings import RobotSettings
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice, load_policy
 from tlr_exp.export.observation_layout import observation_layout
 from tlr_exp.motion.clip import MotionClip
@@ -58,7 +59,7 @@ def write_onnx(choice: Choice, output: Path, force: bool) -> float:
     model = onnx_model(choice, actor, robot, clip)
     difference = largest_difference(model, actor)
     if not difference <= TOLERANCE:
-        raise ValueError(
+        raise UserError(
             f"{output.name} was not written: its actions differ from those of PyTorch by "
             f"{difference:.1e}, more than {TOLERANCE:g}"
         )
@@ -188,7 +189,7 @@ def _add_network(nodes: _Nodes, actor: nn.Module) -> None:
         elif type(layer) in _ACTIVATIONS:
             value = nodes.add(_ACTIVATIONS[type(layer)], [value], output)
         else:
-            raise ValueError(f"the actor has a layer {layer}, which this export does not know")
+            raise UserError(f"the actor has a layer {layer}, which this export does not know")
 
 
 def _add_reference(nodes: _Nodes, clip: MotionClip) -> None:
@@ -211,7 +212,7 @@ def _add_joint_target(nodes: _Nodes, action: str, robot: Robot, clip: MotionClip
     if action == "default_pose":
         origin = nodes.constant("default_joint_pos", robot.default_joint_pos_rad)
     elif action == "current_pose":
-        raise ValueError(
+        raise UserError(
             "env.action=current_pose cannot be exported: its targets follow the robot's own joints"
         )
     else:

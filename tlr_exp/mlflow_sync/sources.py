@@ -76,7 +76,7 @@ def megabytes(text: str) -> float:
     """
     size = float(text)
     if not size >= 0:
-        raise ValueError(f"{text}: must be 0 or more")
+        raise UserError(f"{text}: must be 0 or more")
     return size
 
 

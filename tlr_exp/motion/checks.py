@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tlr_exp.errors import UserError
 from tlr_exp.robot.spec import RobotSpec
 
 # Columns of qpos: MuJoCo's free joint, then the robot's joints in their order.
@@ -38,7 +39,7 @@ def _check_names(spec: RobotSpec, kind: str, names: tuple[str, ...], ours: tuple
         parts.append(f"unknown: {', '.join(unknown)}")
     if not parts:
         parts.append(f"the order or number differs: expected {', '.join(ours)}")
-    raise ValueError(
+    raise UserError(
         f"motion clip: the {kind} names are not those of the {spec.num_joints}-joint {spec.name}; "
         f"{'; '.join(parts)}; the clip has: {', '.join(names)}"
     )
@@ -50,30 +51,30 @@ def check_shapes(arrays: dict[str, np.ndarray], spec: RobotSpec) -> None:
     for key, array in arrays.items():
         if array.shape != (frames, *shapes[key]):
             expected = ", ".join(str(n) for n in ("T", *shapes[key]))
-            raise ValueError(
+            raise UserError(
                 f"motion clip: {key} is {list(array.shape)}; expected [{expected}] "
                 f"with the T = {frames} of qpos"
             )
     if frames < 2:
-        raise ValueError(f"motion clip: it has {frames} frame(s); a motion needs at least 2")
+        raise UserError(f"motion clip: it has {frames} frame(s); a motion needs at least 2")
 
 
 def check_fps(fps: float) -> None:
     if not (np.isfinite(fps) and fps > 0):
-        raise ValueError(f"motion clip: fps is {fps}; it must be a positive number")
+        raise UserError(f"motion clip: fps is {fps}; it must be a positive number")
 
 
 def check_finite(key: str, array: np.ndarray) -> None:
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        raise ValueError(f"motion clip: {key}{bad[0].tolist()} is {array[tuple(bad[0])]}")
+        raise UserError(f"motion clip: {key}{bad[0].tolist()} is {array[tuple(bad[0])]}")
 
 
 def check_unit(what: str, quats: np.ndarray) -> None:
     error = np.abs(np.linalg.norm(quats, axis=-1) - 1)
     if error.max() > UNIT_QUAT_TOLERANCE:
         where = tuple(int(i) for i in np.unravel_index(error.argmax(), error.shape))
-        raise ValueError(
+        raise UserError(
             f"motion clip: {what} holds a quaternion of norm "
             f"{np.linalg.norm(quats[where]):.4g} at {list(where)}; expected 1"
         )

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.checks import (
     ARRAYS,
     BODY_WIDTHS,
@@ -131,7 +132,7 @@ class MotionClip:
             with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
                 missing = [key for key in _KEYS if key not in data.files]
                 if missing:
-                    raise ValueError(f"it lacks {', '.join(missing)}; it has {data.files}")
+                    raise UserError(f"it lacks {', '.join(missing)}; it has {data.files}")
                 joints, bodies = data["joint_names"].tolist(), data["body_names"].tolist()
                 check_names(spec, tuple(joints), tuple(bodies))
                 arrays: dict[str, Any] = {key: data[key] for key in ARRAYS}
@@ -139,7 +140,7 @@ class MotionClip:
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no motion clip {path}") from None
         except (ValueError, TypeError, EOFError, OSError, zipfile.BadZipFile) as error:
-            raise ValueError(f"cannot read the motion clip {path}: {error}") from error
+            raise UserError(f"cannot read the motion clip {path}: {error}") from error
 
 
 def clip_from_qpos(qpos: np.ndarray, fps: float, robot: Robot) -> MotionClip:
@@ -159,7 +160,7 @@ def clip_from_qpos(qpos: np.ndarray, fps: float, robot: Robot) -> MotionClip:
     qpos = np.array(qpos, dtype=np.float64)
     width = robot.spec.num_qpos
     if qpos.ndim != 2 or qpos.shape[1] != width or len(qpos) < 2:
-        raise ValueError(f"motion clip: qpos is {qpos.shape}; expected [T >= 2, {width}]")
+        raise UserError(f"motion clip: qpos is {qpos.shape}; expected [T >= 2, {width}]")
     check_finite("qpos", qpos)
     check_fps(fps)
     check_unit("the root of qpos", qpos[:, ROOT_QUAT])
@@ -246,14 +247,14 @@ def check_consistency(clip: MotionClip, robot: Robot, name: str) -> None:
     """
     offset, angle = kinematics_error(clip, robot)
     if offset > MAX_OFFSET_M or angle > MAX_ANGLE_RAD:
-        raise ValueError(
+        raise UserError(
             f"{name}: its bodies are up to {offset:.3f} m and {angle:.3f} rad from where its qpos "
             "puts them on this robot; make it anew with tlr_exp.motion.clip.clip_from_qpos"
         )
     derivative = differentiate_qpos(robot.model, clip.qpos, clip.fps)
     difference = np.linalg.norm(clip.qvel - derivative)
     if difference > 0.5 * np.linalg.norm(derivative) + 1e-6:
-        raise ValueError(
+        raise UserError(
             f"{name}: its qvel is not the derivative of its qpos; make it anew with "
             "tlr_exp.motion.clip.clip_from_qpos"
         )

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from tlr_exp.errors import UserError
 from tlr_exp.robot.model import Robot
 
 _TOUCHING = 1e-4  # m; points this close to the lowest count as the sole
@@ -24,7 +25,7 @@ def foot_geoms(robot: Robot, side: int) -> list[int]:
     geoms = [g for g in mine if g in paired]
     geoms = geoms or [g for g in mine if model.geom_contype[g] or model.geom_conaffinity[g]]
     if not geoms:
-        raise ValueError(f"no geom of {robot.spec.foot_names[side]} can touch the floor")
+        raise UserError(f"no geom of {robot.spec.foot_names[side]} can touch the floor")
     return geoms
 
 
@@ -70,7 +71,7 @@ def _extremes(kind: int, size: np.ndarray) -> tuple[np.ndarray, float]:
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
         return signs * size, 0.0
     name = mujoco.mjtGeom(kind).name
-    raise ValueError(f"a foot with a geom of type {name}; spheres, capsules and boxes are known")
+    raise UserError(f"a foot with a geom of type {name}; spheres, capsules and boxes are known")
 
 
 def half_planes(points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.robot.spec import RobotSpec
 
@@ -41,4 +42,4 @@ def check_limits(joint_pos: np.ndarray, spec: RobotSpec) -> None:
     """
     beyond, words = furthest_beyond(joint_pos, spec)
     if beyond > LIMIT_TOLERANCE_RAD:
-        raise ValueError(f"motion clip: {words} (tolerance {LIMIT_TOLERANCE_RAD})")
+        raise UserError(f"motion clip: {words} (tolerance {LIMIT_TOLERANCE_RAD})")

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from tlr_exp.errors import UserError
 from tlr_exp.robot.spec import RobotSpec
 
 
@@ -81,13 +82,13 @@ def check_joint_target(joint_target: Tensor, num_envs: int, spec: RobotSpec) -> 
             zeros in the place of a target that is not finite.
     """
     if joint_target.shape != (num_envs, spec.num_joints):
-        raise ValueError(
+        raise UserError(
             f"joint_target has the shape {list(joint_target.shape)}; "
             f"expected [{num_envs}, {spec.num_joints}]"
         )
     if not is_finite(joint_target):
         bad = torch.nonzero(~torch.isfinite(joint_target).all(dim=1)).flatten()
-        raise ValueError(
+        raise UserError(
             f"joint_target is not finite in {len(bad)} of {num_envs} environments: "
             f"{bad[:8].tolist()}"
         )
@@ -107,26 +108,26 @@ def check_reset(
     """
     count = env_ids.numel()
     if env_ids.ndim != 1 or env_ids.is_floating_point() or env_ids.dtype == torch.bool:
-        raise ValueError(
+        raise UserError(
             f"env_ids must be a vector of integers, not {env_ids.dtype} {list(env_ids.shape)}"
         )
     for name, value, width in (("qpos", qpos, spec.num_qpos), ("qvel", qvel, spec.num_qvel)):
         if value.shape != (count, width):
-            raise ValueError(
+            raise UserError(
                 f"{name} has the shape {list(value.shape)}; expected [{count}, {width}] "
                 "for the environments to reset"
             )
         if not is_finite(value):
-            raise ValueError(f"{name} holds values that are not finite; a reset needs finite ones")
+            raise UserError(f"{name} holds values that are not finite; a reset needs finite ones")
     if count == 0:
         return
     ordered = env_ids.sort().values
     if int(ordered[0]) < 0 or int(ordered[-1]) >= num_envs:
-        raise ValueError(
+        raise UserError(
             f"env_ids must lie in 0..{num_envs - 1}, got {int(ordered[0])}..{int(ordered[-1])}"
         )
     if bool((ordered[1:] == ordered[:-1]).any()):
-        raise ValueError("env_ids names an environment more than once")
+        raise UserError("env_ids names an environment more than once")
 
 
 def check_saved_state(saved: Mapping[str, Tensor], shapes: Mapping[str, Sequence[int]]) -> None:
@@ -140,19 +141,19 @@ def check_saved_state(saved: Mapping[str, Tensor], shapes: Mapping[str, Sequence
         ValueError: saved by another engine, for another number of environments or another robot.
     """
     if set(saved) != set(shapes):
-        raise ValueError(
+        raise UserError(
             f"the saved physics state holds {', '.join(sorted(saved))}, this engine needs "
             f"{', '.join(sorted(shapes))}: it was saved by another engine"
         )
     for name, shape in shapes.items():
         found = tuple(saved[name].shape)
         if found[0] != shape[0]:
-            raise ValueError(
+            raise UserError(
                 f"the saved physics state has {found[0]} environments, this one has {shape[0]}; "
                 f"resume with num_envs={found[0]}"
             )
         if found != tuple(shape):
-            raise ValueError(
+            raise UserError(
                 f"the saved {name} has the shape {list(found)}, this model's has {list(shape)}: "
                 "it was saved with another robot"
             )

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
 FIGURE_DPI = 110
@@ -36,10 +37,10 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
     # The first frame comes before the file: where nothing can be drawn, nothing is written.
     first = next(frames, None)
     if first is None:
-        raise ValueError(f"{path}: a video needs at least one frame")
+        raise UserError(f"{path}: a video needs at least one frame")
     height, width = first.shape[:2]
     if height % 2 or width % 2:
-        raise ValueError(f"{path}: width and height must be even, not {width} x {height}")
+        raise UserError(f"{path}: width and height must be even, not {width} x {height}")
     temporary = temporary_name(path)
     try:
         with storage_errors(f"cannot write {path}", _HINT):
@@ -90,7 +91,7 @@ def _encode(path: Path, frames: Iterable[np.ndarray], shape: tuple[int, ...], fp
         try:
             for frame in frames:
                 if frame.shape != shape:
-                    raise ValueError(f"a frame of {frame.shape} among video frames of {shape}")
+                    raise UserError(f"a frame of {frame.shape} among video frames of {shape}")
                 encoder.stdin.write(np.ascontiguousarray(frame, dtype=np.uint8))
             encoder.stdin.close()
             failed = encoder.wait() != 0

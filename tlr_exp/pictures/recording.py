@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tlr_exp.errors import UserError
 from tlr_exp.evaluation.distances import body_distance
 from tlr_exp.evaluation.trajectory import Trajectory
 from tlr_exp.motion.clip import MotionClip
@@ -39,16 +40,16 @@ class Recording:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt_s) and self.dt_s > 0):
-            raise ValueError(f"dt_s is {self.dt_s}; it must be positive")
+            raise UserError(f"dt_s is {self.dt_s}; it must be positive")
         if self.qpos.ndim != 2 or len(self.qpos) == 0:
-            raise ValueError(f"qpos has the shape {self.qpos.shape}; expected [T, 30], T > 0")
+            raise UserError(f"qpos has the shape {self.qpos.shape}; expected [T, 30], T > 0")
         reference = self.qpos if self.reference_qpos is None else self.reference_qpos
         if reference.shape != self.qpos.shape:
-            raise ValueError(f"reference_qpos is {reference.shape}, but qpos {self.qpos.shape}")
+            raise UserError(f"reference_qpos is {reference.shape}, but qpos {self.qpos.shape}")
         if not (np.isfinite(self.qpos).all() and np.isfinite(reference).all()):
-            raise ValueError("the states hold values that are not finite")
+            raise UserError("the states hold values that are not finite")
         if len(self.captions) != len(self.qpos):
-            raise ValueError(f"{len(self.captions)} captions for {len(self.qpos)} states")
+            raise UserError(f"{len(self.captions)} captions for {len(self.qpos)} states")
 
     @property
     def num_frames(self) -> int:
@@ -66,7 +67,7 @@ class Recording:
             ValueError: the rate is not positive.
         """
         if not (np.isfinite(frame_rate_hz) and frame_rate_hz > 0):
-            raise ValueError(f"the video's frame rate is {frame_rate_hz:g}; it must be positive")
+            raise UserError(f"the video's frame rate is {frame_rate_hz:g}; it must be positive")
         stride = round(1 / (self.dt_s * frame_rate_hz))
         return np.arange(0, self.num_frames, max(1, min(stride, self.num_frames - 1)))
 
@@ -84,7 +85,7 @@ class Recording:
         within = (times_s >= 0) & (times_s <= self.duration_s + 0.5 * self.dt_s)
         if not within.all():
             wrong = times_s[~within][0]
-            raise ValueError(f"{wrong:g} s is not within the clip of {self.duration_s:.2f} s")
+            raise UserError(f"{wrong:g} s is not within the clip of {self.duration_s:.2f} s")
         return np.minimum(np.rint(times_s / self.dt_s).astype(int), self.num_frames - 1)
 
 

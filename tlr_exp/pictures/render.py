@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.checks import ROOT_QUAT
 from tlr_exp.motion.quaternions import heading
 from tlr_exp.pictures.studio import QUALITIES, Studio
@@ -69,14 +70,14 @@ def render_frames(
             quality.
     """
     if quality not in QUALITIES:
-        raise ValueError(f"quality is {quality!r}; allowed are {', '.join(QUALITIES)}")
+        raise UserError(f"quality is {quality!r}; allowed are {', '.join(QUALITIES)}")
     qpos = _checked("qpos", qpos, (len(qpos), robot.model.nq))
     ghosts = [None] * len(qpos)
     if ghost_qpos is not None:
         ghosts = _checked("ghost_qpos", ghost_qpos, qpos.shape)
     path = _checked("lookat", qpos[:, :3] if lookat is None else lookat, (len(qpos), 3))
     if captions is not None and len(captions) != len(qpos):
-        raise ValueError(f"{len(captions)} captions for {len(qpos)} frames")
+        raise UserError(f"{len(captions)} captions for {len(qpos)} frames")
     studio = Studio(
         robot.model,
         width,
@@ -112,8 +113,8 @@ def caption(frame: np.ndarray, text: str) -> np.ndarray:
 def _checked(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     array = np.asarray(array, dtype=np.float64)
     if array.shape != shape or len(array) == 0:
-        raise ValueError(f"{name} has the shape {array.shape}, expected {shape}, at least one row")
+        raise UserError(f"{name} has the shape {array.shape}, expected {shape}, at least one row")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if len(bad):
-        raise ValueError(f"{name}: frame {bad[0]} holds values that are not finite")
+        raise UserError(f"{name}: frame {bad[0]} holds values that are not finite")
     return array

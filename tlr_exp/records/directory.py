@@ -201,7 +201,7 @@ def require_status(status: str, allowed: tuple[str, ...]) -> None:
         ValueError: it is not among `allowed`; names them.
     """
     if status not in allowed:
-        raise ValueError(f"status {status!r}: must be one of {', '.join(allowed)}")
+        raise UserError(f"status {status!r}: must be one of {', '.join(allowed)}")
 
 
 def this_process() -> dict[str, Any]:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from tlr_exp.errors import UserError
 from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.locks import ELSEWHERE, hold
 from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
@@ -54,7 +55,7 @@ def next_run_path(root: str | Path, name: str) -> Path:
         StorageError: the folder cannot be made.
     """
     if name in ("", ".", "..") or "/" in name or os.sep in name:
-        raise ValueError(f"run name {name!r}: must be one folder name, without slashes")
+        raise UserError(f"run name {name!r}: must be one folder name, without slashes")
     root = Path(root).absolute()
     with storage_errors(f"cannot make a run directory in {root}", ELSEWHERE):
         root.mkdir(parents=True, exist_ok=True)

@@ -111,7 +111,7 @@ class RewardSplit:
         self._check_reward_terms(reward_terms)
         num_optimizing = len(self.optimizing_names)
         if weights.shape != (num_optimizing,):
-            raise ValueError(
+            raise UserError(
                 f"weights have shape {tuple(weights.shape)}, expected ({num_optimizing},): one "
                 f"for each optimizing term {list(self.optimizing_names)}"
             )
@@ -156,12 +156,12 @@ class RewardSplit:
     def _check_reward_terms(self, reward_terms: Tensor) -> None:
         num_terms = len(self.term_names)
         if reward_terms.ndim != 3 or reward_terms.shape[-1] != num_terms:
-            raise ValueError(
+            raise UserError(
                 f"reward_terms have shape {tuple(reward_terms.shape)}, expected "
                 f"[num_envs, num_steps, {num_terms}] with the terms {list(self.term_names)}"
             )
         if not reward_terms.is_floating_point():
-            raise ValueError(f"reward_terms must be floating point, got {reward_terms.dtype}")
+            raise UserError(f"reward_terms must be floating point, got {reward_terms.dtype}")
 
 
 def _checked_group(

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from tlr_exp.config.checks import check_choice
+from tlr_exp.errors import UserError
 from tlr_exp.robot.g1 import G1
 from tlr_exp.robot.spec import RobotSpec
 from tlr_exp.robot.timing import SIM_DT_S
@@ -132,7 +133,7 @@ def _compiled(source: mujoco.MjSpec, spec: RobotSpec, mjcf: str | Path | None) -
     try:
         model = source.compile()
     except ValueError as error:
-        raise ValueError(f"env.robot.mjcf: MuJoCo cannot compile {mjcf}: {error}") from error
+        raise UserError(f"env.robot.mjcf: MuJoCo cannot compile {mjcf}: {error}") from error
     _check_order(model, spec)
     return model
 
@@ -149,7 +150,7 @@ def load_source(mjcf: str | Path | None = None, spec: RobotSpec = G1) -> mujoco.
     try:
         source = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise ValueError(f"env.robot.mjcf: MuJoCo cannot read {path}: {error}") from error
+        raise UserError(f"env.robot.mjcf: MuJoCo cannot read {path}: {error}") from error
     kind = f"{spec.num_joints}-joint {spec.name}"
     joints = [joint.name for joint in source.joints]
     bodies = [body.name for body in source.bodies]
@@ -157,7 +158,7 @@ def load_source(mjcf: str | Path | None = None, spec: RobotSpec = G1) -> mujoco.
     _check_present(path, kind, "bodies", spec.link_names, bodies)
     pelvis = source.body(spec.pelvis_name)
     if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in pelvis.joints):
-        raise ValueError(f"env.robot.mjcf: the {spec.pelvis_name} of {path} has no free joint")
+        raise UserError(f"env.robot.mjcf: the {spec.pelvis_name} of {path} has no free joint")
     return source
 
 
@@ -166,7 +167,7 @@ def _check_present(
 ) -> None:
     missing = [name for name in needed if name not in present]
     if missing:
-        raise ValueError(
+        raise UserError(
             f"env.robot.mjcf: {path} is not a {robot}: it lacks the {kind} "
             f"{', '.join(missing)}; it has {', '.join(name for name in present if name)}"
         )
@@ -176,7 +177,7 @@ def _check_order(model: mujoco.MjModel, spec: RobotSpec) -> None:
     """Refuse a model whose qpos is not the pelvis followed by the robot's joints in their order."""
     order = [model.joint(i).name for i in range(1, model.njnt)]
     if model.nq != spec.num_qpos or order != list(spec.joint_names):
-        raise ValueError(
+        raise UserError(
             "env.robot.mjcf: the joints must follow the free joint of the pelvis in the order "
             f"{', '.join(spec.joint_names)}; the model has {', '.join(order)} (nq = {model.nq})"
         )

@@ -11,6 +11,7 @@ import torch
 from tlr_exp.assembly.learner import build_ppo
 from tlr_exp.commands import evaluate
 from tlr_exp.commands.evaluate import measuring
+from tlr_exp.evaluation.choosing import load_policy
 from tlr_exp.pictures import film, graphics, strips
 from tlr_exp.records.checkpoint import CheckpointError, CheckpointStore
 from tlr_exp.records.run_directory import RunDirectory
@@ -182,7 +183,7 @@ def test_a_checkpoint_file_names_its_run(run):
 def test_the_policy_is_that_of_the_checkpoint(run):
     choice = evaluate.choose(run, "9")
     expected = build_ppo(dataclasses.replace(choice.settings, seed=9)).actor.state_dict()
-    loaded = evaluate.load_policy(choice).state_dict()
+    loaded = load_policy(choice).state_dict()
     assert all(torch.equal(loaded[name], tensor) for name, tensor in expected.items())
 
 
@@ -240,4 +241,4 @@ def test_a_checkpoint_of_another_network_is_refused(run):
     ppo = dataclasses.replace(choice.settings.ppo, hidden_sizes=[24])
     other = dataclasses.replace(choice.settings, ppo=ppo)
     with pytest.raises(CheckpointError, match="no policy of this configuration"):
-        evaluate.load_policy(dataclasses.replace(choice, settings=other))
+        load_policy(dataclasses.replace(choice, settings=other))

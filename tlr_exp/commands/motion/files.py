@@ -32,7 +32,7 @@ def load_clip(name: str, robot: Robot) -> MotionClip:
     except ValueError as error:
         foreign = Path(name).is_file() and not name.endswith((".yaml", ".yml"))
         if foreign and (not name.endswith(".npz") or "it lacks" in str(error)):
-            raise ValueError(
+            raise UserError(
                 f"{name} is no clip; if it is a motion of another project, make a clip of it with "
                 "tlr-motion import"
             ) from error

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.authoring.mink_alone import mink
 from tlr_exp.motion.authoring.plan import LIMIT_MARGIN_RAD, BodyTargets
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
@@ -120,7 +121,7 @@ class BodySolver:
             misses["the pelvis"] = abs(self.height.compute_error(self.configuration)[0])
         worst = max(misses, key=lambda what: misses[what])
         if misses[worst] > reach_m:
-            raise ValueError(
+            raise UserError(
                 f"at {time_s:.2f} s {worst} misses its target by {1000 * misses[worst]:.0f} mm; "
                 f"joints at their limits: {', '.join(self._blocked()) or '(none)'}"
             )
@@ -158,7 +159,7 @@ class HandSolver:
         angles = least_squares(residual, begin, bounds=(low, high)).x
         miss = float(np.linalg.norm(self._hand(side, joints, angles) - target_m))
         if miss > _HAND_REACH_M:
-            raise ValueError(f"the {side} hand misses {target_m} by {1000 * miss:.0f} mm")
+            raise UserError(f"the {side} hand misses {target_m} by {1000 * miss:.0f} mm")
         return [float(angle) for angle in angles]
 
     def _hand(self, side: str, joints: list[int], angles: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from tlr_exp.errors import UserError
 from tlr_exp.machine import variables
 from tlr_exp.motion.authoring.balance import (
     GRAVITY,
@@ -144,7 +145,7 @@ def _measure(clip: MotionClip, plan: MotionPlan, robot: Robot) -> MassEstimate:
 
 def _authored(name: str) -> str:
     if name not in motion_names():
-        raise ValueError(
+        raise UserError(
             f"there is no motion {name!r}; the motions are {', '.join(motion_names())}; "
             "a path must end in .yaml or .npz"
         )

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from scipy.ndimage import grey_opening
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.motion.feet import foot_extremes
 from tlr_exp.motion.quaternions import rotate
@@ -110,11 +111,11 @@ def floor_geoms(model: mujoco.MjModel) -> np.ndarray:
     bits = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     found = [g for g in np.flatnonzero(model.geom_bodyid > 0) if g in paired or bits[g]]
     if not found:
-        raise ValueError("no geom of the robot can touch the floor")
+        raise UserError("no geom of the robot can touch the floor")
     unknown = {int(model.geom_type[g]) for g in found} - set(_SUPPORT)
     if unknown:
         names = ", ".join(mujoco.mjtGeom(kind).name for kind in sorted(unknown))
-        raise ValueError(f"geoms of type {names} against the floor are not supported")
+        raise UserError(f"geoms of type {names} against the floor are not supported")
     return np.array(found)
 
 

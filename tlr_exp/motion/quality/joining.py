@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.checks import QPOS_JOINTS, ROOT_QUAT
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos, resample
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
@@ -54,15 +55,15 @@ def join_clips(
         ValueError: fewer than two clips, or one (but the first) that is shorter than the blend.
     """
     if len(clips) < 2:
-        raise ValueError("joining needs at least two clips")
+        raise UserError("joining needs at least two clips")
     if not 0 <= blend_s < np.inf:
-        raise ValueError(f"the blend is {blend_s:g} s; it must not be negative")
+        raise UserError(f"the blend is {blend_s:g} s; it must not be negative")
     fps, qpos, seams = clips[0].fps, clips[0].qpos, []
     velocity = clips[0].qvel[-1]
     for number, clip in enumerate(clips[1:], start=2):
         clip = resample(clip, fps, robot)
         if clip.duration_s < blend_s:
-            raise ValueError(
+            raise UserError(
                 f"clip {number} lasts {clip.duration_s:.2f} s, which is shorter than the blend of "
                 f"{blend_s:g} s; give a shorter --blend"
             )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.checks import QPOS_JOINTS
 from tlr_exp.motion.clip import MotionClip, clip_from_qpos
 from tlr_exp.motion.joint_limits import beyond_limits, clamp_joints
@@ -49,7 +50,7 @@ def repair_clip(clip: MotionClip, robot: Robot, ground: str = "constant") -> Rep
         ValueError: an unknown ``ground``.
     """
     if ground not in GROUNDS:
-        raise ValueError(f"unknown ground {ground!r}; allowed are {', '.join(GROUNDS)}")
+        raise UserError(f"unknown ground {ground!r}; allowed are {', '.join(GROUNDS)}")
     qpos, changes = cut_ends(clip.qpos, clip.fps)
     for step in (lambda q: clamp(q, robot), lambda q: mend_jumps(q, clip.fps, clip.spec)):
         qpos, said = step(qpos)

@@ -1,0 +1,96 @@
+"""What is compared over several motions: one number per run, motion by motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.data.study import Study, StudyError
+from analysis.measures.endpoints import tail_mean
+from analysis.measures.quantities import (
+    COST_OF_ROLL_OUT,
+    EFFORT_OF_ROLL_OUT,
+    TRACKING_OF_ROLL_OUT,
+    TRAINING,
+    Quantity,
+    quantity,
+)
+from analysis.measures.rollouts import rollouts
+
+LAST_FIFTH = "last 20 % of the training"
+WITHOUT_NOISE = "without noise"
+
+ByMotion = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class OverMotions:
+    """A measure of two arms on every motion.
+
+    measure: as in metrics, or in the CSV of roll-outs. endpoint: what of it. baseline, treatment:
+    by motion, one number per seed [n].
+    """
+
+    measure: str
+    shown: Quantity
+    endpoint: str
+    baseline: ByMotion
+    treatment: ByMotion
+
+    @property
+    def name(self) -> str:
+        """The measure in words and what of it."""
+        return f"{self.shown.label}, {self.endpoint}"
+
+
+def over_motions(studies: Mapping[str, Study], treatment: str) -> list[OverMotions]:
+    """Every measure that all runs of both arms have on all motions: without noise, then training.
+
+    studies: by motion, with the same arms.
+    """
+    moved = {id(study): rollouts(study) for study in studies.values()}
+
+    def without_noise(measure: str) -> Callable[[Study, str], np.ndarray | None]:
+        def values(study: Study, arm: str) -> np.ndarray | None:
+            found = moved[id(study)]
+            if found is None or not found.has(study, measure, arm):
+                return None
+            return found.of_arm(study, measure, arm).to_numpy()
+
+        return values
+
+    def at_the_end(metric: str) -> Callable[[Study, str], np.ndarray | None]:
+        def values(study: Study, arm: str) -> np.ndarray | None:
+            try:
+                _, iterations, curves = study.matrix(metric, arm)
+            except StudyError:
+                return None
+            return tail_mean(curves, iterations)
+
+        return values
+
+    rolled = TRACKING_OF_ROLL_OUT | EFFORT_OF_ROLL_OUT | COST_OF_ROLL_OUT
+    asked = [
+        *((name, shown, WITHOUT_NOISE, without_noise(name)) for name, shown in rolled.items()),
+        *((name, quantity(name), LAST_FIFTH, at_the_end(name)) for name in TRAINING),
+    ]
+    found = [(*words, _of_both(studies, treatment, values)) for *words, values in asked]
+    return [OverMotions(*words, *arms) for *words, arms in found if arms is not None]
+
+
+def _of_both(
+    studies: Mapping[str, Study],
+    treatment: str,
+    values_of: Callable[[Study, str], np.ndarray | None],
+) -> tuple[ByMotion, ByMotion] | None:
+    """The values of the baseline and of the treatment by motion; None where one is missing."""
+    arms: tuple[ByMotion, ByMotion] = ({}, {})
+    for motion, study in studies.items():
+        for by_motion, arm in zip(arms, (study.baseline, treatment), strict=True):
+            values = values_of(study, arm)
+            if values is None:
+                return None
+            by_motion[motion] = values
+    return arms
