@@ -101,17 +101,10 @@ def test_mistakes_in_any_job_are_told_before_any_starts(sweeper):
             "ppo.gamma=interval(0,1): a sweep needs single values",
         ),
         ("hydra/sweeper=basic", "hydra/sweeper: a sweep of tlr-train knows all of its jobs"),
-        ("+sweep=mine", "hydra/sweeper: a sweep of tlr-train knows all of its jobs"),
     ],
 )
 def test_what_no_sweep_can_be_is_told_by_the_command(sweeper, override, words):
-    presets = sweeper.folder / "presets"
-    (presets / "sweep").mkdir(parents=True)
-    (presets / "sweep" / "mine.yaml").write_text(
-        "# @package _global_\ndefaults: [{override /hydra/sweeper: basic}]\n"
-        "hydra: {sweeper: {params: {seed: '0,1'}}}\n"
-    )
-    status, output = sweeper.run(f"hydra.searchpath=[file://{presets}]", override)
+    status, output = sweeper.run(override)
     assert status == 2, output
     assert words in output
     assert "Traceback" not in output
