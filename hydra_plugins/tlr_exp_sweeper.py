@@ -35,8 +35,6 @@ class TlrExpSweeper(Sweeper):
         # Not before: single runs are to start fast.
         from tlr_exp.sweeps.command import run_sweep
 
-        assert self.config is not None  # `setup` comes first
-        assert self.hydra_context is not None
         try:
             status = run_sweep(*self._asked)
         except Exception:

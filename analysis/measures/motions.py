@@ -76,8 +76,12 @@ def over_motions(studies: Mapping[str, Study], treatment: str) -> list[OverMotio
         *((name, shown, WITHOUT_NOISE, without_noise(name)) for name, shown in rolled.items()),
         *((name, quantity(name), LAST_FIFTH, at_the_end(name)) for name in TRAINING),
     ]
-    found = [(*words, _of_both(studies, treatment, values)) for *words, values in asked]
-    return [OverMotions(*words, *arms) for *words, arms in found if arms is not None]
+    found = []
+    for name, shown, endpoint, values in asked:
+        arms = _of_both(studies, treatment, values)
+        if arms is not None:
+            found.append(OverMotions(name, shown, endpoint, *arms))
+    return found
 
 
 def _of_both(

@@ -127,11 +127,11 @@ def test_a_wrong_password_is_said_at_the_end_and_not_only_in_a_log(tmp_path, cap
     assert_nowhere(tmp_path, printed.out, printed.err, words)
 
 
-def test_a_sweep_writes_prints_and_uploads_no_password(sweeper, tmp_path):
+def test_a_sweep_writes_prints_and_uploads_no_password(sweeper, tmp_path, tmp_path_factory):
     short = ("scale.iterations=2", "scale.evaluate_every=2", "optimizer=fixed", "seed=0,1")
-    (tmp_path / "server").mkdir()
+    place = tmp_path_factory.mktemp("server")  # whose artifacts would look like a sweep here
     with (
-        server(tmp_path / "server", free_port()) as behind,
+        server(place, free_port()) as behind,
         guarded(behind) as (address, received),
     ):
         sweeper.environment = {"MLFLOW_TRACKING_URI": f"http://{USER}:{ESCAPED}@{address}"}
@@ -139,5 +139,5 @@ def test_a_sweep_writes_prints_and_uploads_no_password(sweeper, tmp_path):
     assert status == 0, output
     sent = b"".join(received)
     assert all(run.manifest["run_id"].encode() in sent for run in sweeper.runs)
-    assert sweeper.sweep.record["run_id"].encode() in sent
+    assert sweeper.sweep.manifest["run_id"].encode() in sent
     assert_nowhere(tmp_path, output, *received)

@@ -16,7 +16,7 @@ def test_two_uploads_of_one_run_at_once_make_one_run(
     run: RunDirectory, uri: str, database: Path
 ) -> None:
     log_lines(run, range(50))
-    threads = [threading.Thread(target=RunUpload, args=(run, uri, "together")) for _ in range(4)]
+    threads = [threading.Thread(target=RunUpload(run, uri, "together").push) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:

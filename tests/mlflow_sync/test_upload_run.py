@@ -104,8 +104,7 @@ def test_idle_push_asks_nothing_of_the_store(
     upload = RunUpload(run, uri, FAR)
     log_lines(run, range(2))
     upload.push()
-    monkeypatch.setattr(upload, "_client", None)
-    monkeypatch.setattr(tracking, "open_client", pytest.fail)
+    monkeypatch.setattr(RunUpload, "_client", property(pytest.fail))
     assert upload.push().iterations == 0
 
 
