@@ -38,7 +38,7 @@ _TOLD_BY = (
     ("upper_body_error_m", "lower_body_error_m"),
     (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR),
 )
-_THRESHOLDS = np.linspace(0.4, 2.0, 81)
+_THRESHOLDS = np.linspace(0.5, 1.5, 101)
 
 
 def gather_motions(
@@ -171,8 +171,8 @@ def _answer(
 def _worth(studies: Mapping[str, Study]) -> str:
     fewest = min(len(study.seeds(arm)) for study in studies.values() for arm in study.arms)
     return (
-        f"The units are seeds, {fewest} or more of each arm on each motion; what other motions "
-        "would give no interval here says."
+        f"The units are seeds, {fewest} or more of each arm on each motion; no interval here says "
+        "what other motions would give."
     )
 
 
