@@ -29,8 +29,8 @@ def lose_node_of(cluster: Any, pid: int) -> None:
     """Kill the node above process ``pid``, which must not be the head.
 
     Its raylet must be reaped, too: the workers below look only for its process id, and would go on
-    as long as there is a zombie of that. Ray's own way of removing a node gives up after 30 s, which
-    a busy machine can take.
+    as long as there is a zombie of that. Ray's own way of removing a node gives up after 30 s,
+    which a busy machine can take.
     """
     ancestors = set(_ancestors(pid))
     (raylet,) = [each for node in cluster.worker_nodes if (each := _raylet(node)).pid in ancestors]
