@@ -44,10 +44,7 @@ def test_another_robot_shows(tmp_path, short_clip, capsys):
     arrays = {key: getattr(short_clip, key).copy() for key in ("qpos", "body_pos_w")}
     arrays["body_pos_w"][:, 26, 2] += 0.1
     path = tmp_path / "other.npz"
-    names = {
-        "joint_names": short_clip.spec.joint_names,
-        "body_names": short_clip.spec.tracked_bodies,
-    }
+    names = {"joint_names": G1.joint_names, "body_names": G1.tracked_bodies}
     np.savez(path, fps=50, **arrays, **names)
     assert main(["import", str(path), "-o", str(tmp_path / "clip.npz")]) == 0
     out = capsys.readouterr().out

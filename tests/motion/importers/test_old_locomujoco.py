@@ -68,7 +68,7 @@ def test_locomujoco_before_its_first_version(written, robot):
         np.tile(pelvis.as_matrix(), (41, 1, 1)),
         atol=1e-9,
     )
-    foot = clip.spec.tracked_bodies.index("left_ankle_roll_link")
+    foot = G1.tracked_bodies.index("left_ankle_roll_link")
     for t in (0, 20, 40):
         angles = [arrays[f"q_left_{name}_joint"][t] for name in LEG]
         place, turn = old_foot(np.array(angles))
