@@ -7,6 +7,11 @@ from tlr_exp.env.terms import TERMS
 
 # What the training of an arm is judged by.
 TRAINING = (keys.TRAIN_UPPER_BODY_ERROR, keys.TRAIN_LOWER_BODY_ERROR, keys.EPISODE_LENGTH)
+# Errors that do not depend on how long episodes are; runs of earlier versions have none.
+AT_EQUAL_AGES = (
+    keys.TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES,
+    keys.TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES,
+)
 # Seconds: of an iteration, of its weight search, of the evaluation in it.
 ITERATION_S, WEIGHTS_S, EVALUATE_S = (
     f"{keys.TIME_PREFIX}{phase}_s" for phase in ("iteration", "weights", "evaluate")

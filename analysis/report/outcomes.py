@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.measures.endpoints import area_under_curve, final_value, tail_mean
 from analysis.measures.quantities import (
+    AT_EQUAL_AGES,
     COST_OF_ROLL_OUT,
     EFFORT_OF_ROLL_OUT,
     TRACKING_OF_ROLL_OUT,
@@ -64,7 +65,7 @@ def digits_of(metric: str) -> int:
 def outcomes(evidence: Evidence) -> list[Outcome]:
     """Every metric of the study at its endpoints, without those that no iteration has of all."""
     plan = [
-        *((metric, "last 20 %", tail_mean) for metric in TRAINING),
+        *((metric, "last 20 %", tail_mean) for metric in (*TRAINING, *AT_EQUAL_AGES)),
         *((metric, "whole training", area_under_curve) for metric in TRAINING),
         *((metric, "last", final_value) for metric in EVALUATION),
     ]

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from studies import make_study
+from studies import level, make_study
 
 from analysis.data.study import Study, StudyError
 from analysis.report.cells import MISSING
@@ -31,6 +31,16 @@ def without(study: Study, metric: str, run: int, iteration: int | None = None) -
         there &= curves["iteration"] == iteration
     curves.loc[there, metric] = np.nan
     return dataclasses.replace(study, curves=curves)
+
+
+def test_errors_at_equal_times_since_reset_are_compared_where_runs_have_them() -> None:
+    metric = keys.TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES
+    arms = {"fixed": {metric: level(0.10)}, "gwo": {metric: level(0.09)}}
+    study = make_study(np.random.default_rng(0), arms, seeds=range(3), iterations=20)
+    (found,) = [each for each in outcomes(Evidence(study)) if each.metric == metric]
+    assert found.endpoint == "last 20 %"
+    assert found.unpaired.relative_improvement.estimate == pytest.approx(0.1, abs=0.06)
+    assert metric not in [each.metric for each in outcomes(Evidence(study_of()))]
 
 
 def test_a_metric_that_one_run_never_has_is_left_out_and_said() -> None:
