@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -19,7 +18,7 @@ from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG, 
 from tlr_exp.mlflow_sync.mirror import Mirror
 from tlr_exp.mlflow_sync.tracking_uri import how_to_open
 from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
-from tlr_exp.records.run_directory import RunDirectoryError
+from tlr_exp.records.run_directory import RunDirectoryError, command_line
 from tlr_exp.records.storage import StorageError, atomic_write
 from tlr_exp.records.sweep_directory import CANCELLED, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
@@ -125,7 +124,7 @@ def _work(plan: Plan, sweep: SweepDirectory, launcher: Launcher) -> int:
 def _begin(session: Session) -> Mirror:
     """Write what is about to be done; what brings it to MLflow from now on."""
     plan, sweep = session.plan, session.sweep
-    sweep.begin(_command(), len(plan.jobs), plan.description, {"scale": plan.scale})
+    sweep.begin(command_line(), len(plan.jobs), plan.description, {"scale": plan.scale})
     sweep.set_status(RUNNING, arms=list(plan.arms))
     session.prepare()
     return Mirror.start(sweep, plan.uri, plan.study)
@@ -182,7 +181,3 @@ def _answer_with(sweep: Path) -> None:
     """Tell a script which directory it has asked for, where it named a file to be told in."""
     if answer := os.environ.get(ANSWER_VARIABLE):
         atomic_write(Path(answer), f"{from_here(sweep)}\n".encode())
-
-
-def _command() -> str:
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
