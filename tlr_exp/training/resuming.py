@@ -11,9 +11,8 @@ from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.config.limits import RESUME_MODES
 from tlr_exp.config.load import ConfigError, load_settings
 from tlr_exp.config.nested import value_at, with_value
-from tlr_exp.config.past_runs import check_files, with_kept_motion
+from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
 from tlr_exp.config.settings import Settings
-from tlr_exp.config.versions import of_any_version
 from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
 from tlr_exp.records.directory import FINISHED
@@ -107,7 +106,7 @@ def resumption(run: RunDirectory, keys: Sequence[str], asked: Mapping[str, Any])
         ConfigError: the command asks for what the run is not, or the run cannot be built here; or
             a file that the run needs has changed or is gone.
     """
-    config = of_any_version(run.config)
+    config = configuration_of(run)
     total = total_iterations(run)
     config = with_value(config, ITERATIONS, total)
     changes = {key: value_at(asked, key) for key in _changed(keys, asked, config)}
