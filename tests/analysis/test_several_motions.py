@@ -118,3 +118,16 @@ def test_from_run_directories_to_tables_and_a_report(tmp_path: Path, capsys):
     assert "walk/report.html" in text
     assert (page / "figures" / "motions.png").is_file()
     assert (page / "figures" / "profiles.png").is_file()
+
+
+def test_nothing_is_replaced_where_one_of_the_reports_has_no_place(tmp_path: Path, capsys):
+    for study in two_motions({"walk": 0.2, "run": 0.1}).values():
+        write_run_directories(study, tmp_path / "runs")
+    page = tmp_path / "report"
+    (page / "run").mkdir(parents=True)
+    (page / "run" / "notes.txt").touch()
+    (page / "report.html").write_text("of before")
+    assert report.main([str(tmp_path / "runs"), "-o", str(page), "--force"]) == 1
+    assert f"{page / 'run'} holds no report, so it is not replaced" in capsys.readouterr().err
+    assert (page / "report.html").read_text() == "of before"
+    assert not (page / "walk").exists()

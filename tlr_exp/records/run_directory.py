@@ -36,6 +36,8 @@ from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, 
 CONFIG, METRICS, LOCK = "config.yaml", "metrics.jsonl", "run.lock"
 MOTION = "motion.npz"
 EVALUATIONS = "eval"
+# The manifest's entry of an exported policy: the run, iteration and evaluation that it comes from.
+POLICY = "policy"
 
 
 class RunDirectoryError(RecordError):

@@ -17,15 +17,13 @@ from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
 from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.extending import ITERATIONS, extend, extensions, total_iterations
-from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import POLICY, RunDirectory, RunDirectoryError
 from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
 # A recipe is a name for values: the name alone would say of the run what it is not.
 _MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", "recipe", *_PLACE))
-# The manifest's entry of a policy that was written as a folder by itself.
-_POLICY = "policy"
 
 
 class FinishedError(RunDirectoryError):
@@ -84,7 +82,7 @@ def run_to_resume(path: str) -> RunDirectory:
     except RunDirectoryError as error:
         words = ", ".join(RESUME_MODES)
         raise RunDirectoryError(f"resume: {error} Besides a run, resume takes {words}") from error
-    if _POLICY in run.manifest:
+    if POLICY in run.manifest:
         raise RunDirectoryError(
             f"{run.path} holds a policy alone, which cannot be trained further; begin a new run "
             f"with it by {INITIAL}={path}"
