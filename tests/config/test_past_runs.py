@@ -53,3 +53,7 @@ def test_a_configuration_that_was_cut_off_is_told_with_what_it_lacks(run):
     path.write_text("")
     with pytest.raises(RunDirectoryError, match=r"it lacks env\.motion, env\.robot, physics"):
         configuration_of(run)
+    path.write_text("env:\n  motion: walk\n  max_le\n")
+    with pytest.raises(RunDirectoryError, match=r"^cannot read .*config\.yaml: .*max_le") as error:
+        configuration_of(run)
+    assert "\n" not in str(error.value)
