@@ -30,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with advice():
         check_place(options.output, options.force)  # before a minute of statistics
         studies = studies_of(options)
+        for motion in studies if len(studies) > 1 else ():
+            check_place(options.output / motion, options.force)
         for folder, report in _reports(studies, options.repeat):
             page = write_report(report, options.output / folder, options.force)
             print(page)

@@ -16,11 +16,12 @@ from analysis.data.motions import checked_by_motion, with_the_same_arms
 from analysis.data.publishable import publishable
 from analysis.data.run_directories import arms_of_sweep, from_run_directories
 from analysis.data.runs import RunRecord, records_of
-from analysis.data.settings import OPTIMIZER, covers
+from analysis.data.settings import OPTIMIZER
 from analysis.data.starts import of_runs, read_starts, starts_beside
 from analysis.data.study import Remedy, Study, StudyError
 from analysis.data.tables import exported_in, from_tables, is_exported
 from tlr_exp.config.input_files import MOTION
+from tlr_exp.config.nested import covers
 from tlr_exp.machine import variables
 from tlr_exp.mlflow_sync.tracking_uri import STORE, default_tracking_uri
 from tlr_exp.records.places import plain_text

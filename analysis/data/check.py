@@ -12,7 +12,6 @@ from analysis.data.settings import (
     OPTIMIZER,
     TOLD,
     arm_labels,
-    covers,
     differences,
     labelled_keys,
     spread,
@@ -28,7 +27,7 @@ from analysis.data.study import (
 )
 from tlr_exp.config.identity import NOT_IDENTITY
 from tlr_exp.config.input_files import MOTION
-from tlr_exp.config.nested import flat
+from tlr_exp.config.nested import covers, flat
 from tlr_exp.keys import ITERATION
 from tlr_exp.records.directory import FINISHED, RUNNING, STATUSES
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from analysis.data.check import checked
 from analysis.data.runs import RunRecord
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Remedy, Study, StudyError
 
 
 def motions_of(records: Sequence[RunRecord]) -> tuple[str, ...]:
@@ -52,5 +52,5 @@ def with_the_same_arms(studies: Mapping[str, Study]) -> dict[str, Study]:
                 f"{', '.join(studies[first].arms)}"
             )
     if problems:
-        raise StudyError("\n".join(problems))
+        raise StudyError("\n".join(problems), Remedy.ONE_MOTION)
     return named

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from analysis.data.runs import RunRecord
-from tlr_exp.config.nested import flat, value_at
+from tlr_exp.config.nested import covers, flat, value_at
 
 OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
 SEED = "seed"
@@ -23,11 +23,6 @@ TOLD = (
 )
 
 ABSENT = object()  # in place of the value of a key that a configuration does not have
-
-
-def covers(keys: Iterable[str], key: str) -> bool:
-    """Whether `key` is one of `keys` or lies in a group that is."""
-    return any(key == each or key.startswith(f"{each}.") for each in keys)
 
 
 def unknown_keys(records: Sequence[RunRecord], keys: Iterable[str]) -> Iterator[str]:

@@ -24,10 +24,6 @@ class Series:
         """Mean over seeds and one standard deviation (n - 1) to both sides, each [T]."""
         return seed_band(self.values)
 
-    def of_seed(self, seed: int) -> np.ndarray:
-        """The curve of one seed, [T]."""
-        return self.values[list(self.seeds).index(seed)]
-
 
 def series_of(study: Study, metric: str, arm: str) -> Series:
     """A metric of an arm in the iterations where all its runs have it.

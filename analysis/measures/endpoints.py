@@ -5,10 +5,6 @@ measured: positive and increasing, not necessarily every one (evaluations are ma
 iterations).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,18 +13,6 @@ from tlr_exp.errors import UserError
 Array = NDArray[np.float64]
 
 TAIL_SHARE = 0.2
-OF_THE_METRIC = "unit of the metric"
-ITERATIONS = "iterations"
-
-
-@dataclass(frozen=True)
-class Endpoint:
-    """How a curve becomes a number; ``measure(curves, iterations)`` is [num_seeds]."""
-
-    name: str
-    how: str
-    unit: str  # OF_THE_METRIC or ITERATIONS
-    measure: Callable[[ArrayLike, ArrayLike], Array]
 
 
 def tail_mean(curves: ArrayLike, iterations: ArrayLike, *, share: float = TAIL_SHARE) -> Array:
@@ -100,48 +84,6 @@ def iterations_to_reach(
     reached = smoothed <= level if smaller_is_better else smoothed >= level
     first = times[window - 1 :][reached.argmax(axis=1)]
     return np.where(reached.any(axis=1), first, np.nan)
-
-
-def never_as_last(times: ArrayLike, iterations: ArrayLike) -> Array:
-    """Times to reach a level [num_seeds] with "never" (NaN) as the last rank, for ranks alone.
-
-    The number put in has no meaning but its rank: give it to ``mann_whitney`` and
-    ``probability_of_improvement``, never to a mean or a t-test.
-    """
-    values = np.asarray(times, dtype=np.float64)
-    return np.where(np.isnan(values), np.max(np.asarray(iterations)) + 1.0, values)
-
-
-def standard_endpoints(*, tail_share: float = TAIL_SHARE) -> tuple[Endpoint, ...]:
-    """The endpoints that any metric has."""
-    return (
-        Endpoint(
-            "tail mean",
-            f"mean over the last {tail_share:.0%} of training".replace("%", " %"),
-            OF_THE_METRIC,
-            partial(tail_mean, share=tail_share),
-        ),
-        Endpoint(
-            "area under the curve",
-            "mean over training by the trapezoidal rule",
-            OF_THE_METRIC,
-            area_under_curve,
-        ),
-        Endpoint("final value", "last value measured", OF_THE_METRIC, final_value),
-    )
-
-
-def reach_endpoint(level: float, *, smaller_is_better: bool, window: int) -> Endpoint:
-    """The endpoint "iterations to reach ``level``"; fewer are better, NaN where never reached."""
-    sign = "<=" if smaller_is_better else ">="
-    return Endpoint(
-        f"iterations to reach {level:g}",
-        f"first iteration at which the mean of the last {window} points is {sign} {level:g}",
-        ITERATIONS,
-        partial(
-            iterations_to_reach, level=level, smaller_is_better=smaller_is_better, window=window
-        ),
-    )
 
 
 def _checked(curves: ArrayLike, iterations: ArrayLike) -> tuple[Array, Array]:

@@ -8,11 +8,11 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from analysis.data.settings import SEED, covers
+from analysis.data.settings import SEED
 from analysis.data.study import Study
 from analysis.measures.endpoints import tail_mean
 from tlr_exp.config.identity import NOT_IDENTITY
-from tlr_exp.config.nested import flat
+from tlr_exp.config.nested import covers, flat
 from tlr_exp.config.versions import of_any_version
 
 

@@ -16,6 +16,7 @@ from scipy import signal, stats
 
 from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.statistics.results import EXACT_LABELINGS, Array, checked_curves, is_constant
+from analysis.statistics.significance import mean_difference
 from tlr_exp.errors import UserError
 
 EXTREME_P = 1e-8  # what the paper reports is smaller
@@ -155,7 +156,7 @@ def _study_p_values(curves: Array, num_baseline: int, generator: np.random.Gener
         welch = stats.ttest_ind(second, first, axis=1, equal_var=False).pvalue  # pyright: ignore
     permuted = stats.permutation_test(
         (first, second),
-        _mean_difference,
+        mean_difference,
         vectorized=True,
         axis=1,
         n_resamples=min(EXACT_LABELINGS, comb(num_seeds, num_baseline)),
@@ -163,10 +164,6 @@ def _study_p_values(curves: Array, num_baseline: int, generator: np.random.Gener
         rng=generator,
     ).pvalue
     return np.stack([over_iterations, welch, permuted])
-
-
-def _mean_difference(baseline: Array, treatment: Array, axis: int) -> Array:
-    return np.mean(treatment, axis=axis) - np.mean(baseline, axis=axis)
 
 
 def _splits(total: int, num_first: int, generator: np.random.Generator) -> np.ndarray:

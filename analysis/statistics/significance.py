@@ -176,7 +176,8 @@ def scipy_welch(baseline: Array, treatment: Array) -> Any:
         return stats.ttest_ind(treatment, baseline, equal_var=False)  # pyright: ignore
 
 
-def _mean_difference(baseline: Array, treatment: Array, axis: int) -> Array:
+def mean_difference(baseline: Array, treatment: Array, axis: int) -> Array:
+    """Mean of treatment minus that of baseline along ``axis``, as SciPy asks for a statistic."""
     return np.mean(treatment, axis=axis) - np.mean(baseline, axis=axis)
 
 
@@ -194,7 +195,7 @@ def _permutation_test(
         return undefined_test(f"{kind} {name}", alone)
     result = stats.permutation_test(
         (baseline, treatment),
-        _mean_difference,
+        mean_difference,
         permutation_type=permutation_type,  # pyright: ignore[reportArgumentType]
         vectorized=True,
         n_resamples=EXACT_LABELINGS if exact else DRAWN_LABELINGS,

@@ -11,7 +11,7 @@ from studies import make_study, with_starts, write_run_directories
 from analysis.commands import export, report
 from analysis.commands.sources import load_studies
 from analysis.data.motions import with_the_same_arms
-from analysis.data.study import Study, StudyError
+from analysis.data.study import Remedy, Study, StudyError
 from analysis.measures.motions import over_motions
 from analysis.report.motions import gather_motions
 from tlr_exp import keys
@@ -90,8 +90,11 @@ def test_what_was_measured_without_noise_is_told_first():
 def test_motions_must_have_the_same_arms():
     studies = two_motions({"walk": 0.1})
     other = make_study(np.random.default_rng(0), ("fixed", "zero"), [0, 1], 10)
-    with pytest.raises(StudyError, match="run has the arms fixed, zero, but walk has fixed, gwo"):
+    with pytest.raises(
+        StudyError, match="run has the arms fixed, zero, but walk has fixed, gwo"
+    ) as error:
         with_the_same_arms({**studies, "run": on_motion(other, "run")})
+    assert error.value.remedies == (Remedy.ONE_MOTION,)
 
 
 def test_two_files_of_one_name_are_refused():
@@ -118,3 +121,16 @@ def test_from_run_directories_to_tables_and_a_report(tmp_path: Path, capsys):
     assert "walk/report.html" in text
     assert (page / "figures" / "motions.png").is_file()
     assert (page / "figures" / "profiles.png").is_file()
+
+
+def test_nothing_is_replaced_where_one_of_the_reports_has_no_place(tmp_path: Path, capsys):
+    for study in two_motions({"walk": 0.2, "run": 0.1}).values():
+        write_run_directories(study, tmp_path / "runs")
+    page = tmp_path / "report"
+    (page / "run").mkdir(parents=True)
+    (page / "run" / "notes.txt").touch()
+    (page / "report.html").write_text("of before")
+    assert report.main([str(tmp_path / "runs"), "-o", str(page), "--force"]) == 1
+    assert f"{page / 'run'} holds no report, so it is not replaced" in capsys.readouterr().err
+    assert (page / "report.html").read_text() == "of before"
+    assert not (page / "walk").exists()

@@ -6,8 +6,8 @@ import hashlib
 import pytest
 
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
-from tlr_exp.config.past_runs import check_files, with_kept_motion
-from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 
 
 @pytest.fixture
@@ -42,3 +42,18 @@ def test_the_kept_motion_stands_in_for_a_file_that_is_gone(run, short_clip):
     config = with_kept_motion(run, run.config)
     assert config["env"]["motion"] == str(run.motion_path)
     check_files(run, config)
+
+
+def test_a_configuration_that_was_cut_off_is_told_with_what_it_lacks(run):
+    assert configuration_of(run)["env"] == run.config["env"]
+    path = run.path / "config.yaml"
+    path.write_text(path.read_text().partition("\nphysics:")[0] + "\n")
+    with pytest.raises(RunDirectoryError, match=r"config\.yaml is not whole: it lacks .*physics"):
+        configuration_of(run)
+    path.write_text("")
+    with pytest.raises(RunDirectoryError, match=r"it lacks env\.motion, env\.robot, physics"):
+        configuration_of(run)
+    path.write_text("env:\n  motion: walk\n  max_le\n")
+    with pytest.raises(RunDirectoryError, match=r"^cannot read .*config\.yaml: .*max_le") as error:
+        configuration_of(run)
+    assert "\n" not in str(error.value)

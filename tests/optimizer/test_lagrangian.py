@@ -159,3 +159,10 @@ def test_a_reference_that_has_no_costs_is_refused(tmp_path):
     run = RunDirectory.create(tmp_path / "fresh", {"seed": 0}, {})
     with pytest.raises(ConfigError, match="fresh has recorded no lower-layer cost yet"):
         with_absolute_paths(configured(f"optimizer.reference={run.path}"))
+
+
+@pytest.mark.parametrize("share", ["abc", "0", "-1", "null"])
+def test_a_share_that_cannot_be_is_refused_before_limits_are_made_of_it(reference_run, share):
+    overrides = [f"optimizer.reference={reference_run}", f"optimizer.reference_share={share}"]
+    with pytest.raises(ConfigError, match=r"^optimizer\.reference_share is .*; allowed: above 0$"):
+        with_absolute_paths(configured(*overrides))

@@ -195,12 +195,13 @@ def test_all_damaged_is_an_error_and_not_a_fresh_start(tmp_path: Path) -> None:
         store.latest_valid()
 
 
+@pytest.mark.parametrize("damaged", ["{", "[1.0]", '{"one": 1.0}', '{"1": null}'])
 def test_damaged_scores_cost_only_the_best(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, damaged: str
 ) -> None:
     store = CheckpointStore(tmp_path, keep_last=2)
     store.save(1, {}, score=1.0)
-    (tmp_path / "scores.json").write_text("{")
+    (tmp_path / "scores.json").write_text(damaged)
     assert store.best() is None
     store.save(2, {}, score=0.0)
     assert store.best() == store.path_of(2)

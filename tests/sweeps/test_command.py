@@ -8,11 +8,14 @@ from types import SimpleNamespace
 import pytest
 from omegaconf import OmegaConf
 
+from tlr_exp.config.load import ConfigError
+from tlr_exp.errors import UserError
 from tlr_exp.records.storage import StorageError
 from tlr_exp.records.sweep_directory import SWEEP_LOCK, SweepDirectory
 from tlr_exp.sweeps import command
 from tlr_exp.sweeps.command import ANSWER_VARIABLE, run_sweep
 from tlr_exp.sweeps.launching import Launcher
+from tlr_exp.sweeps.parallel import LauncherError
 
 HOLD = "import filelock, sys\nwith filelock.FileLock(sys.argv[1]):\n print(1, flush=True); input()"
 
@@ -92,6 +95,26 @@ def test_a_file_that_cannot_be_written_is_told_before_anything_starts(
     assert run() == 1
     assert "nowhere" in capsys.readouterr().err
     assert SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id).jobs() == []
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (ConfigError("seed is -1"), 2),
+        (LauncherError("no partition"), 2),
+        (UserError("walk.yaml holds no keyframes"), 1),
+        (PermissionError(13, "Permission denied", "walk.npz"), 1),
+    ],
+)
+def test_what_is_explained_is_told_in_a_line_as_of_a_single_run(
+    run, monkeypatch, capsys, error, status
+):
+    def refuse(config):
+        raise error
+
+    monkeypatch.setattr(command, "make_plan", refuse)
+    assert run() == status
+    assert capsys.readouterr().err == f"tlr-train: {error}\n"
 
 
 def test_ctrl_c_while_waiting_for_another_process_closes_the_display(

@@ -159,6 +159,8 @@ def test_cores_are_shared_out_where_the_configuration_leaves_it_open(multirun, m
         (["seed=0,1", "optimizer=ospo", "optimizer.elites=50"], ["population", "50"]),
         (["optimizer=ospo", "optimizer.elites=10,50"], ["job 1 (optimizer.elites=50)", "elites"]),
         (["optimizer=effective_dimension", "optimizer.rest=0.5,2.0"], ["job 1", "rest"]),
+        (["seed=0,1", "env.motion=3"], ["env.motion is '3'; allowed: "]),
+        (["seed=0,1", "env.robot=null"], ["env.robot"]),
         (["study=a,b"], ["study must be the same in every job"]),
         (["ppo.gamma=interval(0,1)"], ["single values"]),
         (["env=glob(nothing*)"], ["env=glob(nothing*)", "nothing that it could mean"]),

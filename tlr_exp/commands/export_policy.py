@@ -10,8 +10,6 @@ from tlr_exp.commands.arguments import add_force
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command, refuse_without_docstrings
 
-__all__ = ["main"]
-
 
 @command("tlr-export-policy", status=EXIT_WRONG)
 def main(arguments: list[str] | None = None) -> None:

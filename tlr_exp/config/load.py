@@ -16,6 +16,7 @@ from typing import Any, get_type_hints
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from tlr_exp.config.checks import SettingError, check_above
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
@@ -45,7 +46,8 @@ def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
     limits becomes these limits.
 
     Raises:
-        ConfigError: there is no run or checkpoint to begin from, or no run to take limits from.
+        ConfigError: there is no run or checkpoint to begin from, or no run to take limits from, or
+            their share is not above 0.
     """
     env = dict(config["env"])
     robot = dict(env["robot"])
@@ -74,6 +76,10 @@ def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
     except RunDirectoryError as error:
         raise ConfigError(f"optimizer.reference: {error}") from error
     share = optimizer["reference_share"]
+    try:
+        check_above("optimizer.reference_share", share, 0.0)
+    except SettingError as error:
+        raise ConfigError(str(error)) from error
     limits = {name: share * cost for name, cost in costs.items() if name in COSTS and cost > 0.0}
     if not limits:
         raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")

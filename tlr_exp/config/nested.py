@@ -1,6 +1,6 @@
 """Plain nested configurations by dotted keys, such as "reward.objective.threshold_share"."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 
@@ -14,6 +14,11 @@ def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             values[key] = value
     return values
+
+
+def covers(keys: Iterable[str], key: str) -> bool:
+    """Whether `key` is one of `keys` or lies in a group that is."""
+    return any(key == each or key.startswith(f"{each}.") for each in keys)
 
 
 def value_at(config: Mapping[str, Any], key: str) -> Any:

@@ -6,8 +6,26 @@ from collections.abc import Collection
 from typing import Any
 
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
+from tlr_exp.config.nested import value_at
+from tlr_exp.config.versions import of_any_version
 from tlr_exp.errors import UserError
-from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.run_directory import CONFIG, RunDirectory, RunDirectoryError
+
+# What is read of a configuration before it is compared with the schema, which tells of the rest.
+_NEEDED = (MOTION, "env.robot", "physics._target_", "scale.iterations", "device")
+
+
+def configuration_of(run: RunDirectory) -> dict[str, Any]:
+    """The plain configuration of a run of any version, as this version reads it.
+
+    Raises:
+        RunDirectoryError: it cannot be read, or part of it is missing.
+    """
+    config = of_any_version(run.config)
+    missing = [key for key in _NEEDED if value_at(config, key) is None]
+    if missing:
+        raise RunDirectoryError(f"{run.path / CONFIG} is not whole: it lacks {', '.join(missing)}")
+    return config
 
 
 def with_kept_motion(run: RunDirectory, config: dict[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from functools import partial
 
 import torch
+from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from tlr_exp import keys
@@ -55,6 +56,14 @@ def done_spec(batch: torch.Size, device: torch.device) -> Composite:
     """Failure (terminated), end of the motion (truncated), and either of them (done)."""
     names = (keys.DONE, keys.TERMINATED, keys.TRUNCATED)
     return Composite({name: _flag(batch, device) for name in names}, shape=batch, device=device)
+
+
+def cleared_entries(batch: torch.Size, device: torch.device) -> dict[str, Tensor]:
+    """The entries of ``CLEARED_BY_RESET`` at the start of an episode, zeros [num_envs, 1]."""
+    return {
+        key: torch.zeros(*batch, 1, dtype=dtype, device=device)
+        for key, dtype in CLEARED_BY_RESET.items()
+    }
 
 
 def _flag(batch: torch.Size, device: torch.device) -> Binary:

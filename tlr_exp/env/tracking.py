@@ -251,15 +251,9 @@ class TrackingEnv(EnvBase):
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
 
     def _reset_output(self) -> TensorDictBase:
-        cleared = {
-            key: torch.zeros(*self.batch_size, 1, dtype=dtype, device=self.device)
-            for key, dtype in specs.CLEARED_BY_RESET.items()
-        }
-        return TensorDict(
-            {keys.OBSERVATION: self.observed, keys.PRIVILEGED: self.privileged, **cleared},
-            batch_size=self.batch_size,
-            device=self.device,
-        )
+        seen = {keys.OBSERVATION: self.observed, keys.PRIVILEGED: self.privileged}
+        cleared = specs.cleared_entries(self.batch_size, self.device)
+        return TensorDict({**seen, **cleared}, batch_size=self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
         self.generator.manual_seed(0 if seed is None else seed)

@@ -58,10 +58,9 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
         run_path = path.absolute().parent.parent
     run = RunDirectory.open(run_path)
     from tlr_exp.config.load import load_settings
-    from tlr_exp.config.past_runs import check_files, with_kept_motion
-    from tlr_exp.config.versions import of_any_version
+    from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
 
-    config = of_any_version(run.config)
+    config = configuration_of(run)
     motion = config["env"]["motion"]
     config = with_kept_motion(run, config)
     engine = _physics_name(config, physics)

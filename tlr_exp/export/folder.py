@@ -28,10 +28,8 @@ from tlr_exp.records.checkpoint_files import CHECKPOINTS, read_scores
 from tlr_exp.records.directory import FINISHED, MANIFEST
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.places import plain_command, plain_values
-from tlr_exp.records.run_directory import CONFIG, MOTION, RunDirectory
+from tlr_exp.records.run_directory import CONFIG, MOTION, POLICY, RunDirectory
 from tlr_exp.records.storage import atomic_write, json_bytes, storage_errors, sync_file, sync_folder
-
-POLICY = "policy"  # the manifest's entry on the run, iteration and evaluation of the policy
 
 # What stays as the run has it. Not its process, nor its identity by which a resume would find it.
 _KEPT = ("name", "created_at", "seed", "tags", "git", "tlr_exp", "packages", "python")

@@ -19,7 +19,6 @@ from tlr_exp.records.run_directory import RunDirectory
 from tlr_exp.records.sweep_directory import SweepDirectory
 
 DEFAULT_EXPERIMENT = "tlr_exp"
-LIMIT_VARIABLE = "TLR_SYNC_MAX_FILE_MB"
 MAX_FILE_MB = 64.0  # larger checkpoints and videos stay in the run directory (0: all of them)
 
 

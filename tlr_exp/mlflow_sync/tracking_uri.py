@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from tlr_exp.errors import UserError
+from tlr_exp.machine import variables
 from tlr_exp.records.credentials import hide_password
 
 STORE = "mlflow.db"
-URI_VARIABLE = "MLFLOW_TRACKING_URI"
 
 _SQLITE = "sqlite:///"
 _SCHEMES = ("http", "https", "sqlite", "postgresql", "mysql", "mssql")
@@ -22,7 +21,7 @@ def default_tracking_uri(root: str | Path) -> str:
     Raises:
         UserError: the variable holds something that cannot be used (see `check_tracking_uri`).
     """
-    from_environment = os.environ.get(URI_VARIABLE)
+    from_environment = variables.tracking_uri()
     if from_environment:
         return check_tracking_uri(from_environment)
     return f"{_SQLITE}{Path(root).absolute() / STORE}"

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from tlr_exp.errors import UserError
+from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.storage import atomic_write, storage_errors, temporary_name
 
 FIGURE_DPI = 110
-_HINT = "Give a folder that can be written and has room."
 
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> Path:
@@ -43,7 +43,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
         raise UserError(f"{path}: width and height must be even, not {width} x {height}")
     temporary = temporary_name(path)
     try:
-        with storage_errors(f"cannot write {path}", _HINT):
+        with storage_errors(f"cannot write {path}", ELSEWHERE):
             _encode(temporary, chain([first], frames), first.shape, fps)
             os.replace(temporary, path)
     finally:

@@ -31,12 +31,12 @@ def read_scores(directory: Path) -> dict[int, float]:
     """Scores by iteration, as they were saved; none where the file is damaged (logged)."""
     try:
         scores = json.loads((directory / SCORES).read_text(encoding="utf-8"))
+        return {int(iteration): float(score) for iteration, score in scores.items()}
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, AttributeError) as error:
         _log.warning("cannot read %s, so no checkpoint counts as best: %s", SCORES, error)
         return {}
-    return {int(iteration): float(score) for iteration, score in scores.items()}
 
 
 def best_iteration(directory: Path) -> int | None:

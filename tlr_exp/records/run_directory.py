@@ -36,6 +36,8 @@ from tlr_exp.records.storage import StorageError, atomic_write, storage_errors, 
 CONFIG, METRICS, LOCK = "config.yaml", "metrics.jsonl", "run.lock"
 MOTION = "motion.npz"
 EVALUATIONS = "eval"
+# The manifest's entry of an exported policy: the run, iteration and evaluation that it comes from.
+POLICY = "policy"
 
 
 class RunDirectoryError(RecordError):
@@ -125,7 +127,8 @@ class RunDirectory(RecordDirectory):
         try:
             config = _parsed_yaml(path.read_text(encoding="utf-8")) or {}
         except (OSError, ValueError, yaml.YAMLError) as error:
-            raise RunDirectoryError(f"cannot read {path}: {error}") from error
+            reason = " ".join(str(error).split())  # YAML's is of many lines
+            raise RunDirectoryError(f"cannot read {path}: {reason}") from error
         if not isinstance(config, dict):
             raise RunDirectoryError(f"{path} holds a {type(config).__name__}, not a configuration")
         return config

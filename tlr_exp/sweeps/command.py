@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -15,12 +14,12 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from tlr_exp.config.load import ConfigError
-from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_WRONG, print_error
+from tlr_exp.machine.terminal import EXIT_FAILED, EXIT_INTERRUPTED, command
 from tlr_exp.mlflow_sync.mirror import Mirror
 from tlr_exp.mlflow_sync.tracking_uri import how_to_open
 from tlr_exp.records.directory import FAILED, FINISHED, INTERRUPTED, RUNNING
-from tlr_exp.records.run_directory import RunDirectoryError
-from tlr_exp.records.storage import StorageError, atomic_write
+from tlr_exp.records.run_directory import command_line
+from tlr_exp.records.storage import atomic_write
 from tlr_exp.records.sweep_directory import CANCELLED, SweepDirectory, SweepDirectoryError
 from tlr_exp.sweeps.display import SweepDisplay, make_sweep_display, print_table
 from tlr_exp.sweeps.hydra_launcher import HydraLauncher
@@ -40,32 +39,20 @@ GO_ON = "go on            repeat the command: what is trained is kept, the rest 
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
 
 
+@command("tlr-train", wrong=(ConfigError, LauncherError))
 def run_sweep(config: DictConfig, context: HydraContext) -> int:
     """The whole sweep that Hydra's multirun configuration describes; its exit status.
 
     0: every job is trained; 1: some failed; 2: the configuration is wrong, or a cluster refuses the
     jobs, and nothing was started; 130: interrupted.
     """
-    try:
-        plan = make_plan(config)
-        launcher = _make_launcher(config, context, plan)
-        sweep = SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id)
-        _answer_with(sweep.path)
-        with turn(sweep, plan):
-            clear_stop(sweep.path)
-            return _work(plan, sweep, launcher)
-    except ConfigError as error:
-        print_error(error)
-        return EXIT_WRONG
-    except LauncherError as error:
-        print(error, file=sys.stderr)
-        return EXIT_WRONG
-    except KeyboardInterrupt:
-        print("\ninterrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except (SweepDirectoryError, RunDirectoryError, StorageError) as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
+    plan = make_plan(config)
+    launcher = _make_launcher(config, context, plan)
+    sweep = SweepDirectory.prepare(plan.study_folder, plan.name, plan.sweep_id)
+    _answer_with(sweep.path)
+    with turn(sweep, plan):
+        clear_stop(sweep.path)
+        return _work(plan, sweep, launcher)
 
 
 def _make_launcher(config: DictConfig, context: HydraContext, plan: Plan) -> Launcher:
@@ -125,7 +112,7 @@ def _work(plan: Plan, sweep: SweepDirectory, launcher: Launcher) -> int:
 def _begin(session: Session) -> Mirror:
     """Write what is about to be done; what brings it to MLflow from now on."""
     plan, sweep = session.plan, session.sweep
-    sweep.begin(_command(), len(plan.jobs), plan.description, {"scale": plan.scale})
+    sweep.begin(command_line(), len(plan.jobs), plan.description, {"scale": plan.scale})
     sweep.set_status(RUNNING, arms=list(plan.arms))
     session.prepare()
     return Mirror.start(sweep, plan.uri, plan.study)
@@ -182,7 +169,3 @@ def _answer_with(sweep: Path) -> None:
     """Tell a script which directory it has asked for, where it named a file to be told in."""
     if answer := os.environ.get(ANSWER_VARIABLE):
         atomic_write(Path(answer), f"{from_here(sweep)}\n".encode())
-
-
-def _command() -> str:
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])

@@ -108,6 +108,7 @@ def _compose_all(
                 [*hydra.overrides.hydra, *overrides],
                 return_hydra_config=True,
             )
+            load_settings(one)  # or paths would be looked for in what is no path
             plain = with_absolute_paths(plain_config(one))
             composed.append((plain, load_settings(plain), one.hydra.runtime.choices["optimizer"]))
         except (HydraException, ConfigError) as error:

@@ -11,22 +11,19 @@ from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.config.limits import RESUME_MODES
 from tlr_exp.config.load import ConfigError, load_settings
 from tlr_exp.config.nested import value_at, with_value
-from tlr_exp.config.past_runs import check_files, with_kept_motion
+from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
 from tlr_exp.config.settings import Settings
-from tlr_exp.config.versions import of_any_version
 from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
 from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.extending import ITERATIONS, extend, extensions, total_iterations
-from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
+from tlr_exp.records.run_directory import POLICY, RunDirectory, RunDirectoryError
 from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
 # A recipe is a name for values: the name alone would say of the run what it is not.
 _MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", "recipe", *_PLACE))
-# The manifest's entry of a policy that was written as a folder by itself.
-_POLICY = "policy"
 
 
 class FinishedError(RunDirectoryError):
@@ -85,7 +82,7 @@ def run_to_resume(path: str) -> RunDirectory:
     except RunDirectoryError as error:
         words = ", ".join(RESUME_MODES)
         raise RunDirectoryError(f"resume: {error} Besides a run, resume takes {words}") from error
-    if _POLICY in run.manifest:
+    if POLICY in run.manifest:
         raise RunDirectoryError(
             f"{run.path} holds a policy alone, which cannot be trained further; begin a new run "
             f"with it by {INITIAL}={path}"
@@ -107,7 +104,7 @@ def resumption(run: RunDirectory, keys: Sequence[str], asked: Mapping[str, Any])
         ConfigError: the command asks for what the run is not, or the run cannot be built here; or
             a file that the run needs has changed or is gone.
     """
-    config = of_any_version(run.config)
+    config = configuration_of(run)
     total = total_iterations(run)
     config = with_value(config, ITERATIONS, total)
     changes = {key: value_at(asked, key) for key in _changed(keys, asked, config)}

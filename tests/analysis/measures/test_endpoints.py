@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 
 from analysis.measures.endpoints import (
-    ITERATIONS,
-    OF_THE_METRIC,
     area_under_curve,
     final_value,
     iterations_to_reach,
-    never_as_last,
-    reach_endpoint,
-    standard_endpoints,
     tail_mean,
 )
 
@@ -62,25 +57,6 @@ def test_iterations_to_reach_by_hand() -> None:
     np.testing.assert_allclose(reached, [50, np.nan, 20])
     larger = iterations_to_reach(curves, iterations, 9.0, smaller_is_better=False, window=2)
     np.testing.assert_allclose(larger, [np.nan, np.nan, 40])
-
-
-def test_never_ranks_last() -> None:
-    np.testing.assert_allclose(never_as_last([20.0, np.nan, 50.0], [10, 50]), [20.0, 51.0, 50.0])
-
-
-def test_endpoints_describe_and_measure() -> None:
-    curve, iterations = [np.arange(1.0, 11.0)], np.arange(1, 11)
-    table = standard_endpoints()
-    assert [one.name for one in table] == ["tail mean", "area under the curve", "final value"]
-    assert {one.unit for one in table} == {OF_THE_METRIC}
-    assert table[0].how == "mean over the last 20 % of training"
-    assert [one.measure(curve, iterations)[0] for one in table] == [9.5, 5.5, 10.0]
-    assert standard_endpoints(tail_share=0.5)[0].measure(curve, iterations)[0] == 8.0
-    reach = reach_endpoint(6.0, smaller_is_better=False, window=3)
-    assert reach.unit == ITERATIONS
-    assert reach.name == "iterations to reach 6"
-    assert reach.how == "first iteration at which the mean of the last 3 points is >= 6"
-    assert reach.measure(curve, iterations)[0] == 7.0
 
 
 def test_wrong_curves_are_refused() -> None:

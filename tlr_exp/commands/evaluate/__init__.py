@@ -76,6 +76,20 @@ def _parser() -> argparse.ArgumentParser:
         help="run directory, or a checkpoint file; with --starts several, or a folder of runs",
     )
     parser.add_argument("--physics", help="engine (default: the one trained on)")
+    _add_starts(parser)
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--strip",
+        action="store_true",
+        help="draw the runs below their reference, one PNG a checkpoint (Figures 9-12)",
+    )
+    add_viewers(what)
+    _add_checkpoints(parser)
+    _add_pictures(parser)
+    return parser
+
+
+def _add_starts(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--starts",
         type=int,
@@ -91,16 +105,6 @@ def _parser() -> argparse.ArgumentParser:
         help="with --starts and several runs: J at a time, each with one thread (default: as many "
         "as there are cores)",
     )
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument(
-        "--strip",
-        action="store_true",
-        help="draw the runs below their reference, one PNG a checkpoint (Figures 9-12)",
-    )
-    add_viewers(what)
-    _add_checkpoints(parser)
-    _add_pictures(parser)
-    return parser
 
 
 def _add_checkpoints(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from tlr_exp.config.identity import NOT_IDENTITY
 from tlr_exp.config.input_files import is_motion_path
+from tlr_exp.config.nested import covers, flat
 from tlr_exp.config.versions import of_any_version
 from tlr_exp.records.run_directory import RunDirectory
 
@@ -41,17 +42,9 @@ def motion_name(motion: str) -> str:
 def _settings(run: RunDirectory) -> dict[str, Any]:
     return {
         key: value
-        for key, value in _flat(of_any_version(run.config))
-        if not any(key == aside or key.startswith(f"{aside}.") for aside in _ASIDE)
+        for key, value in flat(of_any_version(run.config)).items()
+        if value != {} and not covers(_ASIDE, key)
     }
-
-
-def _flat(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    pairs: list[tuple[str, Any]] = []
-    for name, value in config.items():
-        key = f"{prefix}{name}"
-        pairs += _flat(value, f"{key}.") if isinstance(value, Mapping) else [(key, value)]
-    return pairs
 
 
 def _differing(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ from tlr_exp.errors import UserError
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.outputs import check_free
 from tlr_exp.robot.model import Robot, build_robot
-from tlr_exp.viewing import ViewerUnavailable
 from tlr_exp.viewing.viewer import Viewer
 
 if TYPE_CHECKING:
@@ -80,7 +78,7 @@ def _show(
     times: list[float] | None,
     view: bool,
     web: int | None,
-) -> int:
+) -> None:
     if columns < 1:
         raise ArgumentsError(f"--columns is {columns}; it must be at least 1")
     if not 0 < fps < math.inf:
@@ -91,26 +89,26 @@ def _show(
         raise ArgumentsError(str(error)) from error
     name = Path(clip).stem if clip.endswith((".npz", ".yaml", ".yml")) else clip
     if viewer is not None:
-        return _watch(clip, name, viewer)
+        _watch(clip, name, viewer)
+        return
     folder = output or Path(f"{name}_pictures")
     paths = {part: folder / f"{name}{end}" for part, end in PARTS.items() if part in only}
     video = {"frame_rate_hz": fps, **drawn_as(size, quality)}
-    return _draw(clip, name, paths, times or columns, video, force)
+    _draw(clip, name, paths, times or columns, video, force)
 
 
-def _watch(clip: str, name: str, viewer: Viewer) -> int:
-    """0: shown until the viewer was closed, nothing is written; 1: no viewer opens here."""
+def _watch(clip: str, name: str, viewer: Viewer) -> None:
+    """Show it until the viewer is closed; nothing is written.
+
+    Raises:
+        ViewerUnavailable: no viewer opens here.
+    """
     from tlr_exp.pictures.recording import recording_of_clip
 
-    try:
-        viewer.require()
-        robot = build_robot(visuals=True)
-        loaded = load_clip(clip, robot)
-        viewer.play(recording_of_clip(loaded, f"{name}: {size(loaded)}"), robot)
-    except ViewerUnavailable as error:
-        print(f"tlr-motion: {error}", file=sys.stderr)
-        return 1
-    return 0
+    viewer.require()
+    robot = build_robot(visuals=True)
+    loaded = load_clip(clip, robot)
+    viewer.play(recording_of_clip(loaded, f"{name}: {size(loaded)}"), robot)
 
 
 def _draw(
@@ -120,11 +118,14 @@ def _draw(
     moments: list[float] | int,
     video: dict[str, Any],
     force: bool,
-) -> int:
-    """0: all is drawn; 1: this machine has no graphics, only the curves are.
+) -> None:
+    """Draw the curves, then what needs graphics.
 
     ``moments``: the times of the strip's pictures in s, or how many are evenly spread; ``video``:
     as ``film`` takes them.
+
+    Raises:
+        GraphicsUnavailable: this machine has none; the curves are drawn.
     """
     # Only here: what draws takes long to import.
     from tlr_exp.pictures.recording import recording_of_clip
@@ -142,7 +143,7 @@ def _draw(
     folder.mkdir(exist_ok=True)
     try:
         _plot(clip, robot, recording.title, paths)
-        return _render(recording, robot, name, paths, keyframes, video)
+        _render(recording, robot, name, paths, keyframes, video)
     finally:
         if made and not any(folder.iterdir()):
             folder.rmdir()
@@ -164,21 +165,15 @@ def _render(
     paths: dict[str, Path],
     keyframes: np.ndarray,
     video: dict[str, Any],
-) -> int:
-    from tlr_exp.pictures.graphics import GraphicsUnavailable
+) -> None:
     from tlr_exp.pictures.media import write_image
     from tlr_exp.pictures.strips import keyframe_strip
 
-    try:
-        if "keyframes" in paths:
-            strip = keyframe_strip(robot, recording, keyframes)
-            print(write_image(paths["keyframes"], strip))
-        if "video" in paths:
-            _film(paths["video"], robot, recording, name, video)
-    except GraphicsUnavailable as error:
-        print(f"tlr-motion: {error}", file=sys.stderr)
-        return 1
-    return 0
+    if "keyframes" in paths:
+        strip = keyframe_strip(robot, recording, keyframes)
+        print(write_image(paths["keyframes"], strip))
+    if "video" in paths:
+        _film(paths["video"], robot, recording, name, video)
 
 
 def _film(path: Path, robot: Robot, recording: Recording, name: str, video: dict[str, Any]) -> None:
