@@ -151,7 +151,8 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="PATH",
         help="folder (default: RUN/eval); with --strip, the PNG (default: strip.png); with "
-        "--starts and several runs, the CSV (default: starts-N.csv, in the folder of runs if one is given)",
+        "--starts and several runs, the CSV (default: starts-N.csv, in the folder of runs if one "
+        "is given)",
     )
     add_force(parser, "existing pictures and numbers")
 
