@@ -167,7 +167,7 @@ def _say_how_it_ended(session: Session, status: str) -> None:
 
 
 def _in_short(states: Sequence[JobState], status: str) -> str:
-    """How many jobs are trained, and the numbers of those that failed or were cancelled."""
+    """The number of trained jobs, and the numbers of those that failed or were cancelled."""
     if status == FINISHED:
         return f"all {len(states)} jobs are trained"
     rest = sum(state.status != FINISHED for state in states)

@@ -87,7 +87,7 @@ def _choices(hydra: DictConfig) -> dict[str, list[str]]:
 
 
 def _label(overrides: Sequence[str], differing: Sequence[str]) -> str:
-    """What tells a job from the others; of a single job, all that was asked for."""
+    """The overrides that distinguish a job from the others; for a single job, all of them."""
     told = [o for o in overrides if o.partition("=")[0] in differing]
     return " ".join(override.lstrip("+") for override in told or overrides) or "as configured"
 
@@ -145,7 +145,7 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
 def _mistake(
     part: dict[str, Any], check: Callable[[], object], checked: dict[str, Exception | None]
 ) -> Exception | None:
-    """What is wrong with this part of a configuration; jobs that share it have it checked once."""
+    """The mistakes in this part of a configuration; jobs that share it have it checked once."""
     key = json.dumps(part, sort_keys=True)
     if key not in checked:
         try:
@@ -168,7 +168,7 @@ def _refuse_duplicates(jobs: Sequence[JobSpec]) -> None:
 
 
 class Mistakes:
-    """What is wrong with the jobs of a sweep; the same mistake of several is told once."""
+    """The mistakes in the jobs of a sweep; one that several share is reported once."""
 
     def __init__(self, labels: Sequence[str]) -> None:
         self.labels = labels

@@ -94,7 +94,7 @@ class RayLauncher(Launcher):
     def _was_lost(
         self, ray: Any, ref: Any, job: JobSpec, stopper: Stopper, say: Callable[[str], None]
     ) -> bool:
-        """Whether a job that Ray has done with is to be started again, on another node."""
+        """True if a job that Ray has done with is to be started again, on another node."""
         try:
             ray.get(ref)
         except ray.exceptions.TaskCancelledError:

@@ -70,7 +70,7 @@ class Resumption:
 
 
 def is_run(resume: str) -> bool:
-    """Whether the value of ``resume`` names a run, and is none of the words."""
+    """True if the value of ``resume`` names a run and is not one of its words."""
     return resume not in RESUME_MODES
 
 

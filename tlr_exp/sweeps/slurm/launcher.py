@@ -223,6 +223,6 @@ class SlurmLauncher(Launcher):
 
 
 def how_to_cancel(elements: Sequence[str]) -> str:
-    """What is still in the queue, and the command that takes it out."""
+    """The elements still in the queue, and the command that removes them."""
     names = in_short(elements)
     return f"still in the queue  {names}\ncancel them        scancel {names}"
