@@ -36,8 +36,8 @@ UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job
 
 _NOT_IN_SWEEPS = (
-    "resume={0} goes on with that one run, and a sweep has runs of its own: leave out -m, or leave "
-    "resume as it is, by which a sweep goes on with its runs"
+    "resume={0} continues that one run, but a sweep has its own runs: leave out -m, or leave out "
+    "resume, since a sweep continues its runs by default"
 )
 
 

@@ -160,7 +160,7 @@ class SlurmLauncher(Launcher):
                 complained = ""
             except UnreachableError as error:
                 if str(error) != complained:
-                    say(f"{error}\nThe jobs go on; asked again until it answers.")
+                    say(f"{error}\nThe jobs continue; asking again until it answers.")
                 complained = str(error)
             if stopper.stopping and not self._any_runs(waiting):
                 raise Left

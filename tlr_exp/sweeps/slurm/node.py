@@ -178,7 +178,7 @@ def _go_on_later(
     if attempts.timeouts > options.timeouts:
         words = (
             f"ran out of its time ({options.limit} min) {attempts.timeouts} times; repeat the "
-            "command to go on, or give more by hydra.launcher.timeout_min"
+            "command to continue, or allow more with hydra.launcher.timeout_min"
         )
         _end(process)
         conclude(sweep, num, INTERRUPTED, words)
