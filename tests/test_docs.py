@@ -37,7 +37,7 @@ def test_the_table_of_sweeps_says_what_each_one_runs(path):
 
 def test_every_sweep_of_the_table_exists():
     section = (ROOT / "docs" / "sweeps.md").read_text().partition("By name")[2]
-    table = section.partition("What stands on the command line")[0]
+    table = section.partition("The command line wins")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", table, flags=re.MULTILINE)) == {
         path.stem for path in SWEEPS
     }

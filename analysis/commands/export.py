@@ -24,12 +24,12 @@ from tlr_exp.machine.terminal import add_version, command
 from tlr_exp.records.places import plain_command
 
 _EPILOG = """\
-Refused, and named, are runs that are unfinished, seeds that one arm has and another lacks, two runs
-of one arm and seed, and settings that differ beyond the arms and the seed. Different commits,
-versions and machines are noted in the manifest.
+The following are refused, and the message names them: unfinished runs, seeds that one arm has and
+another lacks, two runs of the same arm and seed, and settings that differ apart from the arms and
+the seed. Different commits, versions and machines are noted in the manifest.
 
-Hosts are numbered, and paths outside of the current folder are reduced to their last part, so that
-the tables name neither people nor machines.
+Hosts are numbered, and paths outside the current folder are reduced to their last part, so the
+tables name neither people nor machines.
 """
 
 
@@ -77,7 +77,7 @@ def export_parser() -> argparse.ArgumentParser:
     add_sources(parser)
     add_selection(parser)
     parser.add_argument(
-        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
+        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="new or empty folder"
     )
     parser.add_argument(
         "--force",

@@ -60,21 +60,21 @@ def report_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-report",
         description="Write the report of a study: report.html, which needs no other file, the same "
-        "as report.md, its figures (each, and figures.pdf), comparison.tex (the main comparison as "
-        "a LaTeX table), and statistics.json.",
+        "as report.md, its figures (one by one, and as figures.pdf), comparison.tex (the main "
+        "comparison as a LaTeX table), and statistics.json.",
     )
     add_version(parser)
     add_sources(parser)
     add_selection(parser)
     parser.add_argument(
-        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="a new or empty one"
+        *("-o", "--output"), metavar="FOLDER", type=Path, required=True, help="new or empty folder"
     )
     parser.add_argument(
         "--repeat",
         metavar="COMMAND",
-        help="shown as the command that repeats the study (default: the sweep that its runs make)",
+        help="command to show for repeating the study (default: the sweep of its runs)",
     )
-    parser.add_argument("--force", action="store_true", help="replace a report that is there")
+    parser.add_argument("--force", action="store_true", help="replace an existing report")
     return parser
 
 

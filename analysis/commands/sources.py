@@ -160,27 +160,27 @@ def add_sources(parser: argparse.ArgumentParser) -> None:
         "sources",
         nargs="*",
         metavar="SOURCE",
-        help="a run directory, a folder that holds some (runs/STUDY), the directory of a sweep "
+        help="a run directory, a folder of runs (runs/STUDY), a sweep directory "
         "(runs/STUDY/sweeps/NAME-ID), or an exported study",
     )
     parser.add_argument(
-        "--experiment", metavar="NAME", help="in place of SOURCE, the runs of an MLflow experiment"
+        "--experiment", metavar="NAME", help="the runs of an MLflow experiment instead of SOURCE"
     )
     parser.add_argument(
-        "--sweep", metavar="NAME-ID", help="of the experiment only the runs of this sweep"
+        "--sweep", metavar="NAME-ID", help="only the experiment's runs in this sweep"
     )
     parser.add_argument(
         "--tracking-uri",
         metavar="URI",
-        help="http://HOST:PORT or sqlite:///FILE; by default the variable "
-        f"{variables.TRACKING_URI}, else sqlite:///{RUNS_DIR / STORE}",
+        help="http://HOST:PORT or sqlite:///FILE (default: the variable "
+        f"{variables.TRACKING_URI}, else sqlite:///{RUNS_DIR / STORE})",
     )
     parser.add_argument(
         "--starts",
         metavar="CSV",
         type=Path,
-        help="the runs' roll-outs, as tlr-evaluate FOLDER --starts N wrote them (default: the "
-        "starts-N.csv that lies beside the runs)",
+        help="the runs' roll-outs, as written by tlr-evaluate FOLDER --starts N (default: the "
+        "starts-N.csv beside the runs)",
     )
 
 
@@ -195,7 +195,7 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--baseline", metavar="ARM", default="", help="default: fixed, else first")
     parser.add_argument(
-        "--allow-unfinished", action="store_true", help="take runs as far as they have come"
+        "--allow-unfinished", action="store_true", help="use runs as far as they have got"
     )
     parser.add_argument(
         "--seeds",
@@ -205,7 +205,7 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duplicates",
         choices=["refuse", "newest"],
-        help="newest: of several runs of one arm and seed take the newest finished one "
+        help="newest: if an arm and seed has several runs, take the newest finished one "
         "(default: refuse)",
     )
     parser.add_argument(
@@ -215,7 +215,7 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         help="further configuration keys that may differ, separated by commas",
     )
     parser.add_argument(
-        "--motion", metavar="NAME", default="", help="take the runs of this motion alone"
+        "--motion", metavar="NAME", default="", help="take only the runs of this motion"
     )
 
 
@@ -224,7 +224,7 @@ def check_sources(parser: argparse.ArgumentParser, options: argparse.Namespace) 
     if bool(options.sources) == bool(options.experiment):
         parser.error("give either SOURCE or --experiment")
     if options.experiment is None and (options.tracking_uri or options.sweep):
-        parser.error("--tracking-uri and --sweep go with --experiment")
+        parser.error("--tracking-uri and --sweep need --experiment")
 
 
 def studies_of(options: argparse.Namespace) -> dict[str, Study]:
@@ -265,12 +265,12 @@ def _keys(text: str) -> list[str]:
 
 
 _ADVICE = {
-    Remedy.UNFINISHED: "--allow-unfinished takes runs as far as they have come",
+    Remedy.UNFINISHED: "--allow-unfinished uses runs as far as they have got",
     Remedy.WITHOUT_RUN: "--allow-unfinished leaves out jobs without a run",
     Remedy.COMMON_SEEDS: "--seeds common leaves out what not every arm has finished",
     Remedy.NEWEST: "--duplicates newest takes the newest finished run",
-    Remedy.KEYS: "--arms compares runs by such a key, --ignore passes over it",
-    Remedy.ONE_MOTION: "--motion NAME takes the runs of one",
+    Remedy.KEYS: "--arms compares runs by such a key, --ignore ignores it",
+    Remedy.ONE_MOTION: "--motion NAME takes the runs of one motion",
     Remedy.REPLACE: "--force replaces the tables in it",
 }
 

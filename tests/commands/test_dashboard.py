@@ -37,7 +37,7 @@ def test_no_store_yet_says_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixt
     RunDirectory.create(tmp_path / "runs" / "tlr" / "a", {}, {})
     (tmp_path / "runs" / "mlflow.db").touch()
     assert main([str(tmp_path / "runs")]) == 1
-    assert f"into it:  tlr-sync {tmp_path}/runs" in capsys.readouterr().err
+    assert f"to it:  tlr-sync {tmp_path}/runs" in capsys.readouterr().err
     assert not (tmp_path / "runs" / "mlflow.db").read_bytes()
 
 

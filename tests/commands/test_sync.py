@@ -56,7 +56,7 @@ def test_server_that_is_down_is_status_one_and_says_what_to_do(
     assert time.monotonic() - start < 10
     error = capsys.readouterr().err
     assert "a: MLflow at http://127.0.0.1:9: Connection refused" in error
-    assert "wait in the run directories. Try again later: the same command" in error
+    assert "still in the run directories. Later, repeat the command" in error
 
 
 def test_damaged_run_does_not_keep_the_others_back(
@@ -81,7 +81,7 @@ def test_unreadable_folders_are_named_and_the_rest_comes_over(
     assert main([str(tmp_path), "--tracking-uri", f"sqlite:///{database}"]) == 1
     printed = capsys.readouterr()
     assert printed.out.startswith("b: new run")
-    assert [line.partition(":")[0] for line in printed.err.splitlines()] == ["not brought over"] * 2
+    assert [line.partition(":")[0] for line in printed.err.splitlines()] == ["not copied"] * 2
     assert str(tmp_path / "a") in printed.err
     assert str(tmp_path / "sweeps" / "s") in printed.err
     assert steps(database) == [0, 1, 2]

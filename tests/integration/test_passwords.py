@@ -123,7 +123,7 @@ def test_a_wrong_password_is_said_at_the_end_and_not_only_in_a_log(tmp_path, cap
     assert "it refuses the user name or the password (it answered 401" in words
     printed = capfd.readouterr()
     assert "it refuses the user name or the password" in printed.err
-    assert "Once that is mended" in printed.err
+    assert "Once that is fixed" in printed.err
     assert_nowhere(tmp_path, printed.out, printed.err, words)
 
 

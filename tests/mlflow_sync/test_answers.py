@@ -112,7 +112,7 @@ def test_mlflows_answers_are_right(body):
 
 @pytest.mark.parametrize(
     ("status", "body", "advice"),
-    [(200, b"<p>hello", "Once that is mended"), (503, b"later", "Try again later")],
+    [(200, b"<p>hello", "Once that is fixed"), (503, b"later", "Later, repeat")],
 )
 def test_tlr_sync_says_what_answered_and_no_password(run, capsys, status, body, advice):
     with http_server(status, body) as uri:

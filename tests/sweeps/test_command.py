@@ -132,7 +132,7 @@ def test_ctrl_c_while_waiting_for_another_process_closes_the_display(
         assert run() == 130
         other.communicate("\n")
     assert [display.open for display in displays] == [False]
-    assert "Ctrl-C leaves it alone" in displays[0].said[0]
+    assert "Ctrl-C does not stop it" in displays[0].said[0]
 
 
 def test_the_display_of_the_waiting_closes_before_that_of_the_work_opens(

@@ -112,7 +112,7 @@ def test_the_same_command_is_the_same_sweep_however_it_is_run(multirun, tmp_path
 
 @pytest.mark.usefixtures("trusting")
 def test_a_sweep_has_runs_of_its_own_and_goes_on_with_no_other(multirun, tmp_path):
-    with pytest.raises(ConfigError, match=r"^resume=.* goes on with that one run, and a sweep has"):
+    with pytest.raises(ConfigError, match=r"^resume=.* continues that one run, but a sweep has"):
         make_plan(multirun("seed=0,1", f"resume={tmp_path}"))
 
 

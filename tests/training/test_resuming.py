@@ -1,4 +1,4 @@
-"""``resume=RUN``: what is gone on with, what a command may say besides, and all refusals."""
+"""``resume=RUN``: which run continues, what else a command may set, and all refusals."""
 
 import dataclasses
 import json
@@ -91,11 +91,11 @@ def test_what_does_not_change_what_is_learned_may_be_said(run, resume):
 def test_what_would_change_the_run_is_refused_by_name_unless_it_is_so_already(run, resume):
     with pytest.raises(ConfigError) as error:
         resume(run, "seed=4", "optimizer=fixed", "ppo.gamma=0.9", "num_threads=1")
-    assert f"resume={run.path} goes on with that run as it is" in str(error.value)
+    assert f"resume={run.path} continues that run as it is" in str(error.value)
     assert f"init_from={run.path} to change seed, optimizer, ppo.gamma. " in str(error.value)
-    assert "num_threads" in str(error.value).partition("may say")[2]
+    assert "num_threads" in str(error.value).partition("may only set")[2]
     assert resume(run, "seed=3", "optimizer=gwo").settings.seed == 3
-    with pytest.raises(ConfigError, match=r"study: .*where it lies; move its folder"):
+    with pytest.raises(ConfigError, match=r"study: .*where it is; move its folder"):
         resume(run, "study=other")
 
 

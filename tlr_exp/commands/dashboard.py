@@ -36,14 +36,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     uri = default_tracking_uri(options.runs_dir)
     if uri.startswith("http"):
-        print(f"{TRACKING_URI} names a server that runs already: {hide_password(uri)}")
+        print(f"{TRACKING_URI} names a server that is already running: {hide_password(uri)}")
         return 0
     problem = what_is_missing(uri, options.runs_dir)
     if problem is not None:
         print(problem, file=sys.stderr)
         return 1
     port = free_port(options.port)
-    print(f"{hide_password(uri)} in MLflow, some seconds from now; Ctrl-C ends it\n")
+    print(f"{hide_password(uri)} in MLflow, in a few seconds; Ctrl-C stops it\n")
     print("\n".join(pages(uri, port)), flush=True)
     return _become_the_server(uri, port)
 
@@ -57,7 +57,7 @@ def _become_the_server(uri: str, port: int) -> NoReturn:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-dashboard",
-        description="Open MLflow's pages on the runs of a folder, for this machine alone.",
+        description="Serve MLflow's pages for a folder of runs, on this machine only.",
     )
     add_version(parser)
     parser.add_argument(
@@ -65,10 +65,10 @@ def _parser() -> argparse.ArgumentParser:
         nargs="?",
         default=Path("runs"),
         type=Path,
-        help=f"the folder that holds the store (default: runs; {TRACKING_URI} goes before it)",
+        help=f"the folder that holds the store (default: runs; {TRACKING_URI} takes precedence)",
     )
     parser.add_argument(
-        "--port", type=int, help=f"on which to serve (default: the first free one from {PORT} on)"
+        "--port", type=int, help=f"port to serve on (default: the first free one from {PORT})"
     )
     return parser
 
@@ -79,9 +79,9 @@ def what_is_missing(uri: str, runs_dir: Path) -> str | None:
     if database is None or (database.is_file() and database.stat().st_size > 0):
         return None
     if runs_dir.is_dir() and RunDirectory.find(runs_dir):
-        todo = f"Bring the runs in {runs_dir} into it:  tlr-sync {runs_dir}"
+        todo = f"To copy the runs in {runs_dir} to it:  tlr-sync {runs_dir}"
     else:
-        todo = "Train first, by `make train` or tlr-train, or name the folder of your runs."
+        todo = "Train first, with `make train` or tlr-train, or name the folder of your runs."
     return f"there is no MLflow store {database} yet. {todo}"
 
 

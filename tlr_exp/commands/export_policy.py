@@ -30,8 +30,8 @@ def _export(run: Path, checkpoint: str | None, output: Path, force: bool) -> Non
     """
     if output.suffix not in ("", ".onnx"):
         raise UserError(
-            f"{output}: there is no form of a policy for the suffix {output.suffix!r}; a name "
-            "without a suffix is written as a folder, one that ends in .onnx as one file"
+            f"{output}: a policy cannot be written with the suffix {output.suffix!r}; a name "
+            "without a suffix makes a folder, one that ends in .onnx makes a single file"
         )
     write = _export_onnx if output.suffix == ".onnx" else _export_folder
     write(run, checkpoint, output, force)
@@ -49,7 +49,7 @@ def _export_onnx(run: Path, checkpoint: str | None, output: Path, force: bool) -
     size = output.stat().st_size
     print(
         f"wrote {output}: {choice.run.name}, iteration {choice.iteration}, "
-        f"{size / 1e6:.1f} MB; its actions are PyTorch's to {difference:.0e}"
+        f"{size / 1e6:.1f} MB; its actions match PyTorch's to {difference:.0e}"
     )
 
 
@@ -70,11 +70,11 @@ def _export_folder(run: Path, checkpoint: str | None, output: Path, force: bool)
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-export-policy",
-        description="Write the policy of a run as a folder of about 1 MB that tlr-evaluate takes "
-        "like the run, wherever it lies: configuration, motion, the network that acts with what "
-        "normalises its input, and where it comes from. It names no people, machines or places, "
-        "and cannot be trained further. Or as an ONNX file with the reference and all that a "
-        "controller needs.",
+        description="Write the policy of a run as a folder of about 1 MB that tlr-evaluate accepts "
+        "like the run itself, wherever it is: configuration, motion, the network with the "
+        "normalisation of its input, and where it comes from. It names no people, machines or "
+        "places, and cannot be trained further. Or write an ONNX file with the reference and "
+        "everything else that a controller needs.",
     )
     add_version(parser)
     parser.add_argument("run", type=Path, metavar="RUN", help="run directory, or a checkpoint file")
@@ -83,12 +83,12 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar="PATH",
-        help="the folder to write; or NAME.onnx, one file for a controller (docs/deploy.md)",
+        help="the folder to write; or NAME.onnx, a single file for a controller (docs/deploy.md)",
     )
     parser.add_argument(
         "--checkpoint",
         metavar="best|last|ITERATION",
-        help="which checkpoint (default: best, where there is one)",
+        help="which checkpoint (default: best, if there is one)",
     )
-    add_force(parser, "an exported policy, and evaluations in its folder")
+    add_force(parser, "an exported policy and the evaluations in its folder")
     return parser

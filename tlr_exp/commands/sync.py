@@ -48,12 +48,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ended = [_sync_one(source) for source in sources]
     done = all(each == DONE for each in ended)
     for problem in problems:
-        print(f"not brought over: {problem}", file=sys.stderr)
+        print(f"not copied: {problem}", file=sys.stderr)
     if not done:
-        when = "Once that is mended" if REFUSED in ended else "Try again later"
+        when = "Once that is fixed" if REFUSED in ended else "Later"
         print(
-            f"The metrics that are missing wait in the run directories. {when}: the same command "
-            "brings over only what is missing.",
+            f"The missing metrics are still in the run directories. {when}, repeat the command: it "
+            "copies only what is missing.",
             file=sys.stderr,
         )
     return 0 if done and not problems else 1
@@ -62,20 +62,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-sync",
-        description="Bring runs and sweeps into MLflow. Doing it again adds nothing twice.",
+        description="Copy runs and sweeps to MLflow. Repeating it adds nothing twice.",
     )
     add_version(parser)
     parser.add_argument(
         "folders",
         nargs="+",
         metavar="FOLDER",
-        help="a run directory, a sweep directory, or a folder that holds some",
+        help="a run directory, a sweep directory, or a folder that contains some",
     )
     parser.add_argument(
         "--tracking-uri",
         metavar="URI",
-        help="http://HOST:PORT or sqlite:///FILE; by default the variable MLFLOW_TRACKING_URI, "
-        f"else the {STORE} beside the run or one folder above, made if need be",
+        help="http://HOST:PORT or sqlite:///FILE (default: the variable MLFLOW_TRACKING_URI, "
+        f"else the {STORE} beside the run or one folder above, created if necessary)",
     )
     parser.add_argument(
         "--experiment",
@@ -88,14 +88,14 @@ def _parser() -> argparse.ArgumentParser:
         type=megabytes,
         default=None,
         metavar="MB",
-        help="leave larger checkpoints, videos and evaluations where they are; 0: all of them "
+        help="do not copy larger checkpoints, videos and evaluations; 0: copy none of them "
         f"(default: the variable {variables.MAX_FILE_MB}, else {MAX_FILE_MB:g})",
     )
     parser.add_argument(
         "--follow",
         type=int,
         metavar="PID",
-        help="keep bringing over one run or sweep until it has ended or the process PID is gone",
+        help="keep copying one run or sweep until it has ended or the process PID is gone",
     )
     return parser
 

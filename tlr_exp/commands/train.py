@@ -65,7 +65,7 @@ def _train(config: DictConfig) -> None:
 @command(
     "tlr-train",
     wrong=(ConfigError, RunDirectoryError),
-    interrupted="interrupted; go on by tlr-train resume=RUN_DIRECTORY",
+    interrupted="interrupted; continue with tlr-train resume=RUN_DIRECTORY",
 )
 def train(config: DictConfig) -> int:
     """One run, as Hydra's configuration says. 0: trained; 1: failed; 2: wrong; 130: interrupted."""
@@ -115,7 +115,7 @@ def _how_it_ended(run: RunDirectory, outcome: Outcome) -> int:
     """The exit status; of a training that was stopped it is told how to go on."""
     if outcome.status == FINISHED:
         return 0
-    print(f"go on            tlr-train resume={run.path}")
+    print(f"continue         tlr-train resume={run.path}")
     return EXIT_INTERRUPTED
 
 

@@ -15,8 +15,8 @@ from tlr_exp.machine.terminal import EXIT_WRONG
 
 SWEEP_MARKS = ("+sweep=", "hydra.mode=MULTIRUN")  # besides -m, what makes a command a sweep
 OTHER_SWEEPER = (
-    "hydra/sweeper: a sweep of tlr-train knows all of its jobs before any starts, and goes on with "
-    "what is there, which no other sweeper does: leave it out"
+    "hydra/sweeper: a sweep of tlr-train knows all of its jobs before any starts, and continues "
+    "existing runs, which no other sweeper does: leave it out"
 )
 
 

@@ -93,7 +93,7 @@ class Mirror:
         why = self._last_word()
         return (
             f"not all of it has reached MLflow yet{f': {why}' if why else ''}\n"
-            f"bring it there   {self.sync_command}"
+            f"copy the rest    {self.sync_command}"
         )
 
     def _last_word(self) -> str:

@@ -124,9 +124,9 @@ def _head(record: Mapping[str, Any], jobs: Sequence[JobView], folder: str) -> It
     yield f"**{record['num_jobs']} jobs**: {', '.join(parts)}.\n"
     for key, values in swept_values(jobs).items():
         yield f"- `{key}`: {values}"
-    yield "\nRepeat it (finished jobs are passed over, broken ones go on):\n"
+    yield "\nRepeat it (finished jobs are skipped, broken ones continue):\n"
     yield f"`{record.get('command', '')}`\n"
-    yield f"It lies in `{folder}`. To make its report and bring that here as an artifact:\n"
+    yield f"It is in `{folder}`. To make its report and copy that here as an artifact:\n"
     yield f"    cd {shlex.quote(folder)}"
     yield "    tlr-export . -o results --force"
     yield "    tlr-report results -o report --force"

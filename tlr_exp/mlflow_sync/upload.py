@@ -198,6 +198,6 @@ def one_at_a_time(folder: Path) -> AbstractContextManager[None]:
     """
 
     def in_use() -> TrackingUnavailable:
-        return TrackingUnavailable(f"another process is bringing {folder} over")
+        return TrackingUnavailable(f"another process is copying {folder}")
 
     return hold_where_possible(folder / "sync.lock", in_use, LOCK_WAIT_S)

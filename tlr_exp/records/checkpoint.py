@@ -105,7 +105,7 @@ class CheckpointStore:
         return path
 
     def path_of(self, iteration: int) -> Path:
-        """Where the checkpoint of `iteration` lies or would lie."""
+        """The path of the checkpoint of `iteration`, whether or not it exists."""
         return checkpoint_path(self.directory, iteration)
 
     def iterations(self) -> list[int]:

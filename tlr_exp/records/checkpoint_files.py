@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 def checkpoint_path(directory: Path, iteration: int) -> Path:
-    """Where the checkpoint of `iteration` lies or would lie."""
+    """The path of the checkpoint of `iteration`, whether or not it exists."""
     return directory / f"{iteration:06d}{SUFFIX}"
 
 

@@ -31,7 +31,7 @@ def hide_password(uri: str) -> str:
 
 
 def has_credentials(uri: str) -> bool:
-    """Whether something of it is to be hidden."""
+    """True if part of it is to be hidden."""
     return hide_password(uri) != uri
 
 

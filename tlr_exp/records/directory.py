@@ -81,7 +81,7 @@ class RecordDirectory(ABC):
     @property
     @abstractmethod
     def study_folder(self) -> Path:
-        """Where the runs of its study lie: runs_dir/study."""
+        """The folder of its study's runs: runs_dir/study."""
 
     @property
     @abstractmethod
@@ -101,7 +101,7 @@ class RecordDirectory(ABC):
         return []
 
     def has_live_runs(self) -> bool:
-        """Whether such a run still trains, whatever has become of the process that began it.
+        """True if such a run is still training, whatever has become of the process that began it.
 
         Raises:
             RecordError: the record of a job is damaged.
@@ -146,7 +146,7 @@ class RecordDirectory(ABC):
         atomic_write(self.manifest_path, json_bytes({**manifest, "updated_at": utc_now()}))
 
     def _writer(self) -> dict[str, Any]:
-        """What the manifest says of the process that wrote its status."""
+        """The manifest's entries on the process that wrote its status."""
         return this_process()
 
     # --- one process at a time ---------------------------------------------------------------
@@ -162,7 +162,7 @@ class RecordDirectory(ABC):
             yield
 
     def is_live(self) -> bool:
-        """Whether a process holds `lock` now, by trying it for an instant."""
+        """True if a process holds `lock` now; it is tried for an instant."""
         return is_held(self.path / self.lock_name)
 
     def _in_use(self) -> RecordError:

@@ -55,7 +55,7 @@ def complete_extension(run: RunDirectory) -> None:
 
 
 def total_iterations(run: RunDirectory) -> int:
-    """How many iterations the run is to have at its end."""
+    """The number of iterations that the run is to have at its end."""
     made = extensions(run.manifest)
     return made[-1]["iterations"] if made else run.config["scale"]["iterations"]
 

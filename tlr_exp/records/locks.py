@@ -51,7 +51,7 @@ def hold_where_possible(
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process holds the lock file `path` now, by trying it for an instant."""
+    """True if a process holds the lock file `path` now; it is tried for an instant."""
     if not path.exists():
         return False
     try:

@@ -144,7 +144,7 @@ class RunDirectory(RecordDirectory):
 
     @property
     def motion_path(self) -> Path:
-        """Where the motion lies that is trained on; not there in runs of earlier versions."""
+        """The path of the motion that is trained on; runs of earlier versions lack the file."""
         return self.path / MOTION
 
     # --- metrics -----------------------------------------------------------------------------

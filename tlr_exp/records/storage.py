@@ -45,7 +45,7 @@ def _write_hint(path: Path) -> str:
 
 
 def temporary_name(path: Path) -> Path:
-    """Where `atomic_write` builds `path`; a file of that name is the rest of a killed write."""
+    """The file in which `atomic_write` builds `path`; if it exists, a write was killed."""
     return path.with_name(f".{path.name}.tmp")
 
 

@@ -94,7 +94,7 @@ class SweepDirectory(RecordDirectory):
     # --- the sweep ---------------------------------------------------------------------------
     @property
     def study_folder(self) -> Path:
-        """Where the runs of the jobs lie: runs_dir/study."""
+        """The folder of the jobs' runs: runs_dir/study."""
         return self.path.parents[1]
 
     @property
@@ -137,7 +137,7 @@ class SweepDirectory(RecordDirectory):
 
     # --- jobs --------------------------------------------------------------------------------
     def job_path(self, num: int) -> Path:
-        """Where the record of job `num` lies or would lie."""
+        """The path of the record of job `num`, whether or not it exists."""
         return self.path / JOBS / f"{num}.json"
 
     def jobs(self) -> list[JobRecord]:
@@ -160,7 +160,7 @@ class SweepDirectory(RecordDirectory):
         return _read_job(self.job_path(num))
 
     def runs_of_jobs(self) -> list[Path]:
-        """Where the runs of its jobs lie or lay, of those that have begun.
+        """The folders of its jobs' runs, of those that have begun, even if they are gone.
 
         Raises:
             SweepDirectoryError: the record of a job is damaged.
@@ -168,7 +168,7 @@ class SweepDirectory(RecordDirectory):
         return [self.study_folder / job.run for job in self.jobs() if job.run]
 
     def has_live_runs(self) -> bool:
-        """Whether a run that a job of the sweep began still trains.
+        """True if a run that a job of the sweep began is still training.
 
         Raises:
             SweepDirectoryError: the record of a job is damaged.

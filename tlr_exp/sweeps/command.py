@@ -35,7 +35,7 @@ from tlr_exp.sweeps.spec import Plan
 from tlr_exp.sweeps.stopping import Stopper, clear_stop
 
 ANSWER_VARIABLE = "TLR_EXP_SWEEP_FILE"  # the file that gets the path of the sweep directory
-GO_ON = "go on            repeat the command: what is trained is kept, the rest is gone on with"
+GO_ON = "continue         repeat the command: finished runs are kept, the others continue"
 TURN_S = 1.0  # how often it is looked whether another process has left the sweep
 
 
@@ -73,7 +73,7 @@ def turn(sweep: SweepDirectory, plan: Plan) -> Iterator[None]:
             stack.enter_context(sweep.lock(timeout_s=0.2))
         except SweepDirectoryError as error:
             with closing(make_sweep_display(plan.name, None)) as display:
-                display.say(f"{error}\nWaiting for it; Ctrl-C leaves it alone.")
+                display.say(f"{error}\nWaiting for it; Ctrl-C does not stop it.")
                 _wait_for(sweep, plan, display, stack)
         yield
 
@@ -150,15 +150,15 @@ def _say_how_it_ended(session: Session, status: str) -> None:
     if session.launcher_error is not None:
         print(session.launcher_error, file=sys.stderr)
     if queued := session.launcher.left_in_the_queue():
-        print(f"{queued}\nor let them be: the same command watches them; else they end at once")
+        print(f"{queued}\nor repeat the command to watch them; otherwise they end once they start")
 
 
 def _in_short(states: Sequence[JobState], status: str) -> str:
-    """How many jobs are trained, and the numbers of those that failed or were cancelled."""
+    """The number of trained jobs, and the numbers of those that failed or were cancelled."""
     if status == FINISHED:
         return f"all {len(states)} jobs are trained"
     rest = sum(state.status != FINISHED for state in states)
-    text = f"{status}; {rest} of {len(states)} jobs are not trained to the end"
+    text = f"{status}; {rest} of {len(states)} jobs are not fully trained"
     for end in (FAILED, CANCELLED):
         if nums := [str(state.num) for state in states if state.status == end]:
             text += f"; {end}: {', '.join(nums)}"

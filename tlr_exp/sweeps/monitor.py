@@ -50,7 +50,7 @@ class Monitor(threading.Thread):
         self._leave_the_queue(states)
 
     def _news(self, state: JobState, before: str) -> str:
-        """What is to be said of a job that has changed; "" for nothing."""
+        """The message about a job that has changed; "" for none."""
         if state.status == RUNNING:
             return "" if before == RUNNING else f"runs, log {self._log(state)}"
         if state.status == FINISHED:
@@ -88,7 +88,7 @@ class Monitor(threading.Thread):
 
 
 def job_log(sweep: Path, state: JobState) -> Path:
-    """Where to read what a job printed: in its run directory, or beside its record."""
+    """The log of what a job printed: in its run directory, or beside its record."""
     log = None if state.run is None else state.run / RUN_LOG
     return from_here(log if log is not None and log.exists() else log_path(sweep, state.num))
 

@@ -28,7 +28,7 @@ class RefusedError(LauncherError):
 
 @dataclass(frozen=True)
 class Parallelism:
-    """What a launcher does with the jobs.
+    """The way in which a launcher runs the jobs.
 
     Attributes:
         slots: jobs at once at most; None where a cluster decides.
@@ -42,7 +42,7 @@ class Parallelism:
 
 
 def parallelism(launcher: Mapping[str, Any], num_jobs: int, cores: int) -> Parallelism:
-    """What the launcher of this configuration node does with ``num_jobs`` on ``cores``.
+    """The way the launcher of this configuration node runs ``num_jobs`` on ``cores``.
 
     Threads are shared out so that jobs on the same machine do not fight for its cores. A launcher
     that is not one of the presets' counts as a cluster.

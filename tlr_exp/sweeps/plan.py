@@ -36,8 +36,8 @@ UNNAMED = "multirun"
 SHARED = ("study", "runs_dir", "tracking_uri", "resume")  # of the sweep, so the same in every job
 
 _NOT_IN_SWEEPS = (
-    "resume={0} goes on with that one run, and a sweep has runs of its own: leave out -m, or leave "
-    "resume as it is, by which a sweep goes on with its runs"
+    "resume={0} continues that one run, but a sweep has its own runs: leave out -m, or leave out "
+    "resume, since a sweep continues its runs by default"
 )
 
 
@@ -87,7 +87,7 @@ def _choices(hydra: DictConfig) -> dict[str, list[str]]:
 
 
 def _label(overrides: Sequence[str], differing: Sequence[str]) -> str:
-    """What tells a job from the others; of a single job, all that was asked for."""
+    """The overrides that distinguish a job from the others; for a single job, all of them."""
     told = [o for o in overrides if o.partition("=")[0] in differing]
     return " ".join(override.lstrip("+") for override in told or overrides) or "as configured"
 
@@ -146,7 +146,7 @@ def _check_all(composed: Sequence[Composed], labels: Sequence[str], check_device
 def _mistake(
     part: dict[str, Any], check: Callable[[], object], checked: dict[str, Exception | None]
 ) -> Exception | None:
-    """What is wrong with this part of a configuration; jobs that share it have it checked once."""
+    """The mistakes in this part of a configuration; jobs that share it have it checked once."""
     key = json.dumps(part, sort_keys=True)
     if key not in checked:
         try:
@@ -169,7 +169,7 @@ def _refuse_duplicates(jobs: Sequence[JobSpec]) -> None:
 
 
 class Mistakes:
-    """What is wrong with the jobs of a sweep; the same mistake of several is told once."""
+    """The mistakes in the jobs of a sweep; one that several share is reported once."""
 
     def __init__(self, labels: Sequence[str]) -> None:
         self.labels = labels

@@ -24,7 +24,7 @@ QUEUED_AGAIN, HELD = "queued again", "held"
 
 @dataclass(frozen=True)
 class Remark:
-    """What the queue of a cluster says of a job that waits in it.
+    """The state that a cluster's queue gives a job that waits in it.
 
     Attributes:
         status: what the job is rather than waiting, such as QUEUED_AGAIN.
@@ -98,7 +98,7 @@ def last_iteration(metrics: Path) -> int:
 
 
 def counts(states: Sequence[JobState]) -> Mapping[str, int]:
-    """How many jobs there are of each status."""
+    """The number of jobs of each status."""
     return Counter(state.status for state in states)
 
 

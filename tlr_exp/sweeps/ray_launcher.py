@@ -94,7 +94,7 @@ class RayLauncher(Launcher):
     def _was_lost(
         self, ray: Any, ref: Any, job: JobSpec, stopper: Stopper, say: Callable[[str], None]
     ) -> bool:
-        """Whether a job that Ray has done with is to be started again, on another node."""
+        """True if a job that Ray has done with is to be started again, on another node."""
         try:
             ray.get(ref)
         except ray.exceptions.TaskCancelledError:
@@ -108,7 +108,7 @@ class RayLauncher(Launcher):
                 conclude(self._sweep, job.num, "failed", words)
                 return False
             why = _first_line(error)
-            say(f"job {job.num} ({job.label}): {LOST}, another goes on with it ({why})")
+            say(f"job {job.num} ({job.label}): {LOST}, another continues it ({why})")
             self._sweep.write_job(job.num, WAITING)
             self._note(job.num, Remark(QUEUED_AGAIN, LOST))
         else:

@@ -60,7 +60,7 @@ class Session:
         return job_states(self.sweep, self.plan.jobs, self.launcher.remarks)
 
     def is_finished(self) -> bool:
-        """Whether an earlier attempt finished the sweep, and all of its runs are still there."""
+        """True if an earlier attempt finished the sweep and all of its runs still exist."""
         if not (self.sweep.path / SWEEP).is_file() or self.sweep.manifest["status"] != FINISHED:
             return False
         runs = latest_runs(self.plan.study_folder, prefer_finished=True) if self.plan.go_on else {}
@@ -114,7 +114,7 @@ class Session:
         return ready
 
     def _has_ended(self, job: JobSpec) -> bool:
-        """Whether the job needs no more starts; one that never says anything has failed."""
+        """True if the job needs no more starts; one that never says anything has failed."""
         if job.num in self.elsewhere:
             return False
         if self.sweep.job(job.num).status in ENDED:

@@ -22,7 +22,7 @@ _KEPT = ("method", "config", "overrides", "label", "identity")
 
 @dataclass(frozen=True)
 class JobSpec:
-    """What one job is asked to do.
+    """The task of one job.
 
     Attributes:
         config: the resolved configuration as plain data, with absolute paths.
@@ -46,7 +46,7 @@ class JobSpec:
 
     @property
     def go_on(self) -> bool:
-        """Whether it goes on with the run of this configuration that is there."""
+        """True if it continues an existing run of this configuration."""
         return self.config["resume"] != "never"
 
     @property
@@ -82,7 +82,7 @@ class Plan:
 
     @property
     def go_on(self) -> bool:
-        """Whether the runs that are there are gone on with; the same for all jobs."""
+        """True if existing runs are continued; the same for all jobs."""
         return self.jobs[0].go_on
 
 
@@ -98,7 +98,7 @@ def with_threads(spec: JobSpec, threads: int) -> JobSpec:
 
 
 def log_path(sweep: Path, num: int) -> Path:
-    """What job ``num`` printed before it had a run directory, and the launcher's words on it."""
+    """The log of what job ``num`` printed before it had a run directory, and of its launcher."""
     return sweep / JOBS / f"{num}.log"
 
 

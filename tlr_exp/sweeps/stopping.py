@@ -68,7 +68,7 @@ class Stopper:
 
     @property
     def stopping(self) -> bool:
-        """Whether the sweep is to end, asked for by a signal or by whoever made the file."""
+        """True if a signal, or whoever made the file, has asked the sweep to end."""
         return self._signalled or stop_requested(self.sweep) is not None
 
     def leave(self) -> None:

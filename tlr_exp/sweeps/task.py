@@ -76,7 +76,7 @@ class JobTask:
         close_record(sweep, num, _wait(process, sweep.path))
 
     def _is_with_the_sweep(self) -> bool:
-        """Whether this process can see that of the sweep, and is to end with it."""
+        """True if this process can see that of the sweep, and is to end with it."""
         return self.sweep_pid is not None and socket.gethostname() == self.host
 
 
@@ -181,6 +181,6 @@ def _how_it_died(returned: int) -> str:
 
 
 def one_line(error: BaseException) -> str:
-    """What went wrong for a record: the kind of error and the last line of its message."""
+    """The error for a record: its kind and the last line of its message."""
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__

@@ -79,7 +79,7 @@ class Trainer:
         return {**learned, **_errors_at_equal_ages(batch, ages)}
 
     def _progress(self, mean_terms: Mapping[str, float], num_steps: int) -> TrainingProgress:
-        """What a weight optimizer may know of the training besides the returns."""
+        """The facts about the training that a weight optimizer may use, apart from the returns."""
         return TrainingProgress(
             mean_episode_length=self.episodes.mean_length,
             num_steps=num_steps,

@@ -49,7 +49,7 @@ class UnstableSimulationError(UserError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a training ended: its status and the last iteration that is safe in a checkpoint."""
+    """The end of a training: its status and the last iteration that is safe in a checkpoint."""
 
     status: str
     iteration: int
@@ -184,7 +184,7 @@ def checkpoint_store(settings: Settings, run: RunDirectory) -> CheckpointStore:
 
 
 def _score(results: Sequence[EvaluationResult]) -> float:
-    """What the best checkpoint has most of: minus the mean body error (large after a fall)."""
+    """The score by which the best checkpoint is chosen: minus the mean body error."""
     return -fmean(0.5 * (each.upper_body_error_m + each.lower_body_error_m) for each in results)
 
 

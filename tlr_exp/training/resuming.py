@@ -1,4 +1,4 @@
-"""``resume=RUN``: what is gone on with, and what a command may say besides."""
+"""``resume=RUN``: which run continues, and what else a command may set."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Resumption:
 
 
 def is_run(resume: str) -> bool:
-    """Whether the value of ``resume`` names a run, and is none of the words."""
+    """True if the value of ``resume`` names a run and is not one of its words."""
     return resume not in RESUME_MODES
 
 
@@ -171,15 +171,14 @@ def _check_changes(
     place = [key for key in changes if key in _PLACE]
     if place:
         raise ConfigError(
-            f"{', '.join(place)}: resume goes on with {run.path} where it lies; move its folder "
-            "instead"
+            f"{', '.join(place)}: resume continues {run.path} where it is; move its folder instead"
         )
     refused = [key for key in changes if key not in (*_MAY_CHANGE, ITERATIONS)]
     if refused:
         raise ConfigError(
-            f"resume={run.path} goes on with that run as it is; start a new one with "
-            f"{INITIAL}={run.path} to change {', '.join(refused)}. Beside resume a command may "
-            f"say {', '.join((ITERATIONS, *_MAY_CHANGE))}"
+            f"resume={run.path} continues that run as it is; start a new one with "
+            f"{INITIAL}={run.path} to change {', '.join(refused)}. With resume a command may only "
+            f"set {', '.join((ITERATIONS, *_MAY_CHANGE))}"
         )
     unknown = [key for key in changes if value_at(config, key) is None]
     if unknown:
@@ -207,5 +206,5 @@ def _check_length(run: RunDirectory, wanted: int, total: int, done: int) -> None
         )
     if finished and not done:
         raise RunDirectoryError(
-            f"{run.path} has finished, and none of its checkpoints is there to go on from"
+            f"{run.path} has finished, and none of its checkpoints is there to continue from"
         )

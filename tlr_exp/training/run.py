@@ -45,7 +45,7 @@ def tracking_uri(settings: Settings) -> str | None:
             return default_tracking_uri(settings.runs_dir)
         if has_credentials(settings.tracking_uri):
             # The configuration is kept in the run directory and shown in MLflow.
-            raise UserError("credentials belong into the variable MLFLOW_TRACKING_URI, not here")
+            raise UserError("credentials belong in the variable MLFLOW_TRACKING_URI, not here")
         return check_tracking_uri(settings.tracking_uri)
     except ValueError as error:
         raise ConfigError(f"tracking_uri: {error}") from error

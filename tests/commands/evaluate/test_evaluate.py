@@ -197,7 +197,7 @@ def test_the_policy_is_that_of_the_checkpoint(run):
         (["--checkpoint", "newest"], ["newest", "best"]),
         (["--physics", "bullet"], ["bullet", "allowed are", "native"]),
         (["--iterations", "3"], ["--iterations needs --strip"]),
-        (["other-run"], ["2 runs are compared with --strip"]),
+        (["other-run"], ["2 runs can be compared with --strip"]),
         (["--columns", "0"], ["--columns is 0"]),
         (["--starts", "0"], ["--starts is 0"]),
         (["--starts", "2", "--web"], ["--starts is for numbers"]),

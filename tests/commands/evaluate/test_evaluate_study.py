@@ -59,8 +59,8 @@ def test_a_study_is_measured_in_processes_and_what_breaks_is_named(study_folder,
     assert evaluate.main(command) == 1
     said = capfd.readouterr()
     assert "broken cannot be evaluated" in said.err
-    assert "passed over: c is failed" in said.out
-    assert "2 runs, of which 0 are measured already" in said.out
+    assert "skipped: c is failed" in said.out
+    assert "2 runs, of which 0 are already measured" in said.out
     rows = rows_of(study_folder / "starts-2.csv")
     assert [(row["run"], row["start_phase"]) for row in rows] == [
         *(("a", "0.0"), ("a", "0.475")),  # frame 19 of 0 ... 40
@@ -76,7 +76,7 @@ def test_a_study_is_measured_in_processes_and_what_breaks_is_named(study_folder,
     # Again: nothing is measured, and what is there comes out the same.
     assert evaluate.main(command) == 1
     said = capfd.readouterr()
-    assert "2 runs, of which 2 are measured already" in said.out
+    assert "2 runs, of which 2 are already measured" in said.out
     assert "starts-2.csv holds the same already" in said.out
 
 
@@ -92,7 +92,7 @@ def test_several_runs_of_which_one_is_measured_give_one_table(study_folder, tmp_
     output = tmp_path / "several.csv"
     command = [*map(str, runs), "--starts", "2", "-o", str(output)]
     assert evaluate.main(command) == 0
-    assert "2 runs, of which 2 are measured already" in capsys.readouterr().out
+    assert "2 runs, of which 2 are already measured" in capsys.readouterr().out
     assert [row["run"] for row in rows_of(output)] == ["a", "a", "c", "c"]
 
     record = study_folder / "a" / "eval" / NAME

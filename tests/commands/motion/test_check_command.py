@@ -101,7 +101,7 @@ def test_join_writes_one_clip(paths, tmp_path, capsys):
     ("arguments", "message"),
     [
         (["check", "absent.npz"], "there is no motion clip absent.npz"),
-        (["check", __file__], "is no clip; if it is a motion of another project, make a clip of"),
+        (["check", __file__], "is not a clip; if it is a motion of another project, make a clip"),
         (["check", "absent"], "there is no motion 'absent'"),
         (["check", "GOOD", "--fix", "-o", "GOOD", "--force"], "would replace the file"),
         (["check", "GOOD", "--fix", "-o", "HIGH"], "high.npz exists; --force replaces it"),
@@ -123,7 +123,7 @@ def test_what_is_refused_leaves_nothing_behind(paths, tmp_path, arguments, messa
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["check", "GOOD", "-o", "OUT"], "-o is for --fix"),
+        (["check", "GOOD", "-o", "OUT"], "-o needs --fix"),
         (["check", "GOOD", "--fix"], "--fix takes one clip and -o"),
         (["check", "GOOD", "GOOD", "--fix", "-o", "OUT"], "--fix takes one clip"),
         (["check", "GOOD", "--fix", "-o", "out.yaml"], "must end in .npz"),

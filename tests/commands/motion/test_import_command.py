@@ -30,7 +30,7 @@ def test_import_writes_a_clip_and_a_report(tmp_path, short_clip, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
         f"{table}: lafan1, 41 frames at 50 fps, joints in the order of mujoco",
-        "  forward kinematics: not compared, the file carries no body positions",
+        "  forward kinematics: not compared, the file has no body positions",
         f"{output}: 41 frames at 50 fps, 0.80 s",
     ]
 
@@ -99,7 +99,7 @@ def test_a_motion_too_short_to_train_on_is_said(tmp_path, short_clip, capsys):
         output = tmp_path / f"clip_{count}.npz"
         assert main(["import", str(table), "--fps", "50", "-o", str(output)]) == 0
         out = capsys.readouterr().out
-        assert ("WARNING: nothing can be trained on so short a motion" in out) == warned
+        assert ("WARNING: this motion is too short to train on" in out) == warned
         assert ("at least 3 frames at 50 fps" in out) == warned
 
 

@@ -73,15 +73,15 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="+",
         metavar="RUN",
-        help="run directory, or a checkpoint file; with --starts several, or a folder of runs",
+        help="run directory or checkpoint file; with --starts, several or a folder of runs",
     )
-    parser.add_argument("--physics", help="engine (default: the one trained on)")
+    parser.add_argument("--physics", help="engine (default: the one used in training)")
     _add_starts(parser)
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
         "--strip",
         action="store_true",
-        help="draw the runs below their reference, one PNG a checkpoint (Figures 9-12)",
+        help="draw the runs below their reference, one PNG per checkpoint (Figures 9-12)",
     )
     add_viewers(what)
     _add_checkpoints(parser)
@@ -94,16 +94,16 @@ def _add_starts(parser: argparse.ArgumentParser) -> None:
         "--starts",
         type=int,
         metavar="N",
-        help="N roll-outs, from evenly spaced phases of the motion to its end; their mean and "
-        "spread, and each (default: 1, from phase 0). Of several runs, or of the finished runs in "
-        "a folder: numbers alone, of those not measured yet, and a CSV of all roll-outs",
+        help="make N roll-outs, from evenly spaced phases of the motion to its end; report each, "
+        "and their mean and spread (default: 1, from phase 0). For several runs, or the finished "
+        "runs in a folder: numbers only, measured where missing, and a CSV of all roll-outs",
     )
     parser.add_argument(
         "--jobs",
         type=int,
         metavar="J",
-        help="with --starts and several runs: J at a time, each with one thread (default: as many "
-        "as there are cores)",
+        help="with --starts and several runs: J at a time, each with one thread (default: one per "
+        "core)",
     )
 
 
@@ -112,7 +112,7 @@ def _add_checkpoints(parser: argparse.ArgumentParser) -> None:
     which.add_argument(
         "--checkpoint",
         metavar="best|last|ITERATION",
-        help="which checkpoint (default: best, where there is one)",
+        help="which checkpoint (default: best, if there is one)",
     )
     which.add_argument(
         "--iterations", type=_numbers(int), metavar="N,N,…", help="with --strip: these iterations"
@@ -121,7 +121,7 @@ def _add_checkpoints(parser: argparse.ArgumentParser) -> None:
         "--shares",
         type=_numbers(float),
         metavar="%,%,…",
-        help="with --strip: at these shares of each training (default: 4,20,40,88, as the paper)",
+        help="with --strip: at these shares of each training (default: the paper's 4,20,40,88)",
     )
 
 
@@ -129,43 +129,44 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--video",
         action=argparse.BooleanOptionalAction,
-        help="draw the video (default: where this machine can draw)",
+        help="draw the video (default: if this machine can draw)",
     )
     parser.add_argument(
         "--pictures",
         action=argparse.BooleanOptionalAction,
-        help="draw curves of the errors, and keyframes (default: the keyframes where this machine "
-        "can draw, the curves always)",
+        help="draw curves of the errors, and keyframes (default: keyframes if this machine can "
+        "draw, curves always)",
     )
     parser.add_argument("--columns", type=int, default=8, help="moments of a strip (default: 8)")
     parser.add_argument(
         "--size",
         type=size_argument,
         metavar="WxH",
-        help="pixels of the video; with --strip, of one of its pictures",
+        help="size of the video in pixels; with --strip, of each picture in the strip",
     )
     parser.add_argument(
         "--quality",
         choices=["fast", "full"],
-        help="of the video (default: fast); with --strip, of the strip (default: full)",
+        help="quality of the video (default: fast); with --strip, of the strip (default: full)",
     )
     parser.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="PATH",
-        help="folder (default: RUN/eval); with --strip the PNG (default: strip.png); with --starts "
-        "and several runs the CSV (default: starts-N.csv, in the folder of runs if one is given)",
+        help="folder (default: RUN/eval); with --strip, the PNG (default: strip.png); with "
+        "--starts and several runs, the CSV (default: starts-N.csv, in the folder of runs if one "
+        "is given)",
     )
-    add_force(parser, "pictures and numbers that exist")
+    add_force(parser, "existing pictures and numbers")
 
 
 def _check(options: argparse.Namespace) -> None:
     """Refuse what does not go together, before anything slow is loaded."""
     if len(options.runs) > 1 and not options.strip and options.starts is None:
         raise UserError(
-            f"{len(options.runs)} runs are compared with --strip, or measured with --starts; "
-            "else give one"
+            f"{len(options.runs)} runs can be compared with --strip or measured with --starts; "
+            "otherwise give one"
         )
     for name in ("iterations", "shares"):
         if getattr(options, name) is not None and not options.strip:
@@ -174,7 +175,7 @@ def _check(options: argparse.Namespace) -> None:
         if getattr(options, name) is not None and getattr(options, name) < 1:
             raise UserError(f"--{name} is {getattr(options, name)}; it must be at least 1")
     if options.starts is not None and (options.strip or viewer_of(options.view, options.web)):
-        raise UserError("--starts is for numbers: without --strip, --view and --web")
+        raise UserError("--starts is for numbers: leave out --strip, --view and --web")
     if options.jobs is not None and not _measures_several(options):
         raise UserError("--jobs is for --starts with several runs, or a folder of runs")
     if _measures_several(options) and (options.video or options.pictures):

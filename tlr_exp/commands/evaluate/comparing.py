@@ -86,7 +86,9 @@ def find_moments(runs: Sequence[Path], which: Checkpoints) -> list[Moment]:
     physics = which.physics
     if any(run.suffix == ".pt" for run in runs):
         if which.iterations or which.shares or which.name:
-            raise UserError("with checkpoint files no --checkpoint, --iterations or --shares")
+            raise UserError(
+                "with checkpoint files, leave out --checkpoint, --iterations and --shares"
+            )
         return [Moment("", tuple(choose(run, None, physics) for run in runs))]
     if which.name is not None:
         return [Moment("", tuple(choose(run, which.name, physics) for run in runs))]
@@ -122,7 +124,7 @@ def _at_iteration(
         listed = ", ".join(map(str, there)) or "none"
         raise UserError(
             f"{run} has no checkpoint of iteration {iteration}{wanted}; it has {listed}. "
-            f"--checkpoint {BEST} or {LAST} takes one that each run has"
+            f"--checkpoint {BEST} or {LAST} takes one that every run has"
         )
     return choose(run, str(iteration), physics)
 

@@ -58,7 +58,7 @@ def study(
     wanted, failed = find_wanted(runs, checkpoint, physics, starts)
     missing = [each for each in wanted if not each.record.exists()]
     _check_output(table, missing, force)
-    print(f"{len(wanted)} runs, of which {len(wanted) - len(missing)} are measured already")
+    print(f"{len(wanted)} runs, of which {len(wanted) - len(missing)} are already measured")
     for number, (each, problem) in enumerate(measured(missing, starts, jobs), 1):
         failed += problem is not None
         said = f"wrote {each.record}" if problem is None else _failure(each.choice.run, problem)
@@ -114,7 +114,7 @@ def _paths_of(given: Path) -> Iterator[Path]:
         if status == FINISHED:
             yield run.path
         else:
-            print(f"passed over: {run.path.name} is {status}")
+            print(f"skipped: {run.path.name} is {status}")
 
 
 def measured(

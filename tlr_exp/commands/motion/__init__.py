@@ -21,14 +21,14 @@ def main(arguments: Sequence[str] | None = None) -> int | None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tlr-motion",
-        description="Bring motions in from other projects, check and repair clips, look at them.",
+        description="Import motions from other projects; check, repair and look at clips.",
     )
     add_version(parser)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     importing.add_arguments(commands.add_parser("import", help="make a clip from a motion file"))
-    checking.add_arguments(commands.add_parser("check", help="what is physically wrong with clips"))
-    joining.add_arguments(commands.add_parser("join", help="clips one after the other"))
-    showing.add_arguments(commands.add_parser("show", help="video, keyframes and curves of a clip"))
-    looking.add_info(commands.add_parser("info", help="what a clip holds"))
-    looking.add_list(commands.add_parser("list", help="the authored motions"))
+    checking.add_arguments(commands.add_parser("check", help="find physical faults in clips"))
+    joining.add_arguments(commands.add_parser("join", help="join clips one after the other"))
+    showing.add_arguments(commands.add_parser("show", help="draw a video, keyframes and curves"))
+    looking.add_info(commands.add_parser("info", help="say what a clip contains"))
+    looking.add_list(commands.add_parser("list", help="list the authored motions"))
     return parser

@@ -35,7 +35,7 @@ _WIDTH_WITHOUT_TERMINAL = 140
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("clips", metavar="CLIP", nargs="+", help=CLIP_HELP)
-    parser.add_argument("--json", action="store_true", help="print JSON in place of tables")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument(
         "--fix",
         action="store_true",
@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ground",
         choices=GROUNDS,
         default="constant",
-        help="with --fix: move the whole clip up or down (constant, the default), also take out "
-        "what drifts slowly (varying), or keep the height (none)",
+        help="with --fix: move the whole clip up or down (constant, the default), also remove "
+        "slow drift (varying), or keep the height (none)",
     )
     add_output(parser, required=False)
     parser.set_defaults(run=_run)
@@ -58,7 +58,7 @@ def _run(
 ) -> int:
     if not fix:
         if output:
-            raise ArgumentsError("-o is for --fix: a check alone writes nothing")
+            raise ArgumentsError("-o needs --fix: a check alone writes nothing")
         return _check(clips, json)
     if len(clips) != 1 or output is None:
         raise ArgumentsError("--fix takes one clip and -o CLIP.npz for the result")
@@ -83,7 +83,7 @@ def _fix(name: str, output: Path, ground: str, as_json: bool) -> int:
             print(f"{name}: {change}")
         print_findings(str(output), repaired.clip, after)
         if left:
-            print(f"Not repaired, as it would have to be invented: {', '.join(left)}")
+            print(f"Not repaired, since it would have to be invented: {', '.join(left)}")
     return int(worst_verdict(after) == "fail")
 
 

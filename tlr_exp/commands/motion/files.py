@@ -33,8 +33,8 @@ def load_clip(name: str, robot: Robot) -> MotionClip:
         foreign = Path(name).is_file() and not name.endswith((".yaml", ".yml"))
         if foreign and (not name.endswith(".npz") or "it lacks" in str(error)):
             raise UserError(
-                f"{name} is no clip; if it is a motion of another project, make a clip of it with "
-                "tlr-motion import"
+                f"{name} is not a clip; if it is a motion of another project, make a clip of it "
+                "with tlr-motion import"
             ) from error
         raise
 

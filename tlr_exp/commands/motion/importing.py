@@ -23,37 +23,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path)
     add_output(parser, required=True)
     parser.add_argument(
-        "--format", choices=list(READERS), help="by default told from the file's content"
+        "--format", choices=list(READERS), help="default: recognised from the file's content"
     )
-    parser.add_argument("--motion", metavar="NAME", help="which motion, where a file holds several")
+    parser.add_argument("--motion", metavar="NAME", help="which motion, if the file holds several")
     parser.add_argument(
-        "--fps", type=float, help="rate of the file, where it is not what the file says"
+        "--fps", type=float, help="rate of the file, if it is not what the file says"
     )
     parser.add_argument(
         "--joint-order",
         choices=CHOICES["joint_order"],
-        help="of a file without joint names; by default told from its body positions, or as the "
-        "format has it",
+        help="for a file without joint names (default: recognised from its body positions, or as "
+        "usual in the format)",
     )
-    parser.add_argument("--units", choices=CHOICES["units"], help="of positions")
+    parser.add_argument("--units", choices=CHOICES["units"], help="unit of positions")
     parser.add_argument(
-        "--quaternion", choices=CHOICES["quaternion"], help="in which order the four are written"
+        "--quaternion", choices=CHOICES["quaternion"], help="order of the four components"
     )
     parser.add_argument("--up", choices=CHOICES["up"], help="the axis that points up")
-    parser.add_argument("--angles", choices=CHOICES["angles"], help="of joints")
+    parser.add_argument("--angles", choices=CHOICES["angles"], help="unit of joint angles")
     parser.add_argument(
         "--anyway",
         action="store_true",
-        help="import a motion that does not look like a robot on a floor, or that another reading "
-        "makes more sense of",
+        help="import a motion even if it does not look like a robot on a floor, or if another "
+        "reading makes more sense",
     )
     parser.add_argument(
         "--clamp",
         metavar="RAD",
         type=float,
         default=CLAMP_RAD,
-        help="how far beyond its limit a joint may be, to be set to the limit (default: "
-        f"{CLAMP_RAD:g})",
+        help=f"how far a joint may exceed its limit and be set to it (default: {CLAMP_RAD:g})",
     )
     parser.set_defaults(run=_import)
 
@@ -69,7 +68,7 @@ def _import(
     print(f"{output}: {size(imported.clip)}")
     if imported.clip.num_frames < FRAMES_TO_TRAIN:
         print(
-            f"  WARNING: nothing can be trained on so short a motion: a training needs at least "
+            f"  WARNING: this motion is too short to train on: a training needs at least "
             f"{FRAMES_TO_TRAIN} frames at {imported.clip.fps:g} fps"
         )
 
@@ -86,12 +85,12 @@ def report(path: Path, imported: Imported) -> list[str]:
             f"{clamp.frames} frames, set to the limit"
         )
     if gap is None:
-        lines.append("  forward kinematics: not compared, the file carries no body positions")
+        lines.append("  forward kinematics: not compared, the file has no body positions")
         return lines
     lines.append(
         f"  forward kinematics: the file's body positions differ by {gap.mean_m * 1000:.1f} mm on "
         f"average, {gap.max_m * 1000:.1f} mm at most ({gap.body}, frame {gap.frame})"
     )
     if gap.max_m > LARGE_GAP_M:
-        lines.append("  WARNING: that much means another robot model, or a wrong reading")
+        lines.append("  WARNING: such a difference means another robot model or a wrong reading")
     return lines

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         type=float,
         default=BLEND_S,
-        help="over which a clip takes over from the pose and speed in which the one before it "
+        help="time over which a clip takes over from the pose and speed in which the previous one "
         f"ends (default: {BLEND_S:g})",
     )
     add_output(parser, required=True)

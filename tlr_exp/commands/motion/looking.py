@@ -70,7 +70,7 @@ def _demands(clip: MotionClip, robot: Robot) -> list[str]:
         f"floor on a foot: up to {left:.0f} N left, {right:.0f} N right; the robot weighs "
         f"{weight:.0f} N",
         f"force that no floor can give: at most {effort.unmet_force[hardest]:.1f} N, at "
-        f"{hardest / clip.fps:.2f} s (a robot can do what needs next to none)",
+        f"{hardest / clip.fps:.2f} s (a feasible motion needs next to none)",
     ]
 
 

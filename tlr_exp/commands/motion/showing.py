@@ -40,26 +40,26 @@ PARTS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("clip", metavar="CLIP", help=CLIP_HELP)
     parser.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path, help="by default the clip's name + _pictures"
+        "-o", "--output", metavar="FOLDER", type=Path, help="default: the clip's name + _pictures"
     )
-    add_force(parser, "pictures that exist")
+    add_force(parser, "existing pictures")
     parser.add_argument(
-        "--only", nargs="+", choices=PARTS, default=list(PARTS), help="which pictures"
+        "--only", nargs="+", choices=PARTS, default=list(PARTS), help="make only these"
     )
     parser.add_argument(
-        "--fps", type=float, default=25.0, help="frames a second of the video (default: 25)"
+        "--fps", type=float, default=25.0, help="frames per second of the video (default: 25)"
     )
     parser.add_argument(
         "--size",
         metavar="WxH",
         type=size_argument,
         default=(480, 360),
-        help="of the video, in pixels",
+        help="size of the video in pixels",
     )
     parser.add_argument("--quality", choices=["fast", "full"], default="fast", help="of the video")
     when = parser.add_mutually_exclusive_group()
     when.add_argument(
-        "--columns", type=int, default=8, help="pictures of the strip, evenly spread (default: 8)"
+        "--columns", type=int, default=8, help="evenly spaced pictures in the strip (default: 8)"
     )
     when.add_argument("--times", metavar="S", type=float, nargs="+", help="or at these times")
     add_viewers(parser.add_mutually_exclusive_group())

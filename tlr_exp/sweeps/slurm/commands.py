@@ -72,7 +72,7 @@ class Element:
 
     @property
     def needs_a_person(self) -> bool:
-        """Whether it waits for something that time alone does not bring."""
+        """True if it waits for something that does not come with time alone."""
         return self.is_pending and self.reason not in _USUAL and not _LIMIT.match(self.reason)
 
 
@@ -89,7 +89,7 @@ def require_slurm() -> None:
 
 
 def comment_of(sweep: str, base: int) -> str:
-    """What every element of an array says of itself: its sweep, and the job of index 0."""
+    """The comment of every element of an array: its sweep, and the job of index 0."""
     return f"{sweep} from {base}"
 
 
@@ -135,7 +135,7 @@ def queue(sweep: str) -> dict[str, Element]:
 
 
 def accounted(ids: Iterable[str]) -> dict[str, Element]:
-    """How those that the controller forgot have ended, by the accounts.
+    """The ends of those that the controller has forgotten, from the accounts.
 
     Empty where the cluster keeps none. Of an element that was taken out of the queue before it
     started there is no account under its own id.
@@ -192,7 +192,7 @@ def array_size() -> int:
 
 
 def largest_node(partition: str | None) -> Needs | None:
-    """What the largest node of a partition has (None: of the default one); None: not known."""
+    """The largest node of a partition (None: the default one); None if not known."""
     where = [f"--partition={partition}"] if partition else []
     try:
         text = _ask(["sinfo", "--noheader", "-o", "%P %c %m", *where])
@@ -208,7 +208,7 @@ def largest_node(partition: str | None) -> Needs | None:
 
 
 def _ask(command: Sequence[str]) -> str:
-    """What a command prints.
+    """The output of a command.
 
     Raises:
         RefusedError, UnreachableError: with what it says of that.
@@ -234,6 +234,6 @@ def _ask(command: Sequence[str]) -> str:
 
 
 def _words(text: str) -> str:
-    """What a command complains of, without its name before each line."""
+    """The complaint of a command, without its name before each line."""
     lines = [re.sub(r"^\w+: (error: |fatal: )?", "", line.strip()) for line in text.splitlines()]
     return "; ".join(line for line in lines if line)

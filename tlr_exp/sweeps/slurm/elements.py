@@ -14,7 +14,7 @@ RECORD = "slurm.json"
 
 
 def record_path(sweep: Path) -> Path:
-    """Where it is written of a sweep directory."""
+    """The path of the file in a sweep directory."""
     return sweep / LAUNCHER_FOLDER / RECORD
 
 
@@ -82,7 +82,7 @@ def in_short(elements: Iterable[str]) -> str:
 
 
 def short_name(label: str, name: str) -> str:
-    """What people tell an element by in the queue: ``gwo-seed1 STUDY``."""
+    """The name of an element in the queue, for people: ``gwo-seed1 STUDY``."""
     words = []
     for part in label.split(" "):
         key, equals, value = part.partition("=")

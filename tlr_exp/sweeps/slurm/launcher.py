@@ -160,7 +160,7 @@ class SlurmLauncher(Launcher):
                 complained = ""
             except UnreachableError as error:
                 if str(error) != complained:
-                    say(f"{error}\nThe jobs go on; asked again until it answers.")
+                    say(f"{error}\nThe jobs continue; asking again until it answers.")
                 complained = str(error)
             if stopper.stopping and not self._any_runs(waiting):
                 raise Left
@@ -223,6 +223,6 @@ class SlurmLauncher(Launcher):
 
 
 def how_to_cancel(elements: Sequence[str]) -> str:
-    """What is still in the queue, and the command that takes it out."""
+    """The elements still in the queue, and the command that removes them."""
     names = in_short(elements)
     return f"still in the queue  {names}\ncancel them        scancel {names}"

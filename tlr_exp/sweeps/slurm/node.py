@@ -34,7 +34,7 @@ WARNING = signal.SIGUSR2
 
 
 class Attempts:
-    """What earlier starts of the same element left: how many ran out of time, and the job's run.
+    """The traces of earlier starts of the element: how many ran out of time, and the job's run.
 
     Beside the record of the job, jobs/NUM.element.
     """
@@ -75,7 +75,7 @@ class Attempts:
 
 
 class Signals:
-    """Which of SLURM's signals have come: at most one is passed on to the job."""
+    """The signals of SLURM that have come: at most one is passed on to the job."""
 
     def __init__(self) -> None:
         self.warned_at: float | None = None
@@ -140,7 +140,7 @@ def _work(sweep: SweepDirectory, num: int, options: argparse.Namespace, signals:
 
 
 def _exit_status(sweep: SweepDirectory, num: int) -> int:
-    """What the record of the job means for SLURM's accounts."""
+    """The exit status that tells SLURM's accounts what the job's record says."""
     return {FINISHED: 0, INTERRUPTED: EXIT_INTERRUPTED}.get(sweep.job(num).status, EXIT_FAILED)
 
 
@@ -178,7 +178,7 @@ def _go_on_later(
     if attempts.timeouts > options.timeouts:
         words = (
             f"ran out of its time ({options.limit} min) {attempts.timeouts} times; repeat the "
-            "command to go on, or give more by hydra.launcher.timeout_min"
+            "command to continue, or allow more with hydra.launcher.timeout_min"
         )
         _end(process)
         conclude(sweep, num, INTERRUPTED, words)

@@ -96,7 +96,7 @@ class SlurmSettings:
 
 @dataclass(frozen=True)
 class Needs:
-    """What each job reserves: processors, and memory in MB."""
+    """The processors that each job reserves, and its memory in MB."""
 
     cpus: int
     mem_mb: int
@@ -105,7 +105,7 @@ class Needs:
 def needs(
     settings: SlurmSettings, configs: Sequence[Mapping[str, Any]], node: Needs | None
 ) -> Needs:
-    """What the largest of the jobs takes, or what the settings say.
+    """The resources that the largest of the jobs takes, or those of the settings.
 
     Args:
         configs: the resolved configuration of each job.

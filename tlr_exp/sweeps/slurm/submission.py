@@ -37,7 +37,7 @@ def write_script(sweep: Path, base: int, settings: SlurmSettings) -> Path:
 
 
 def was_submitted(sweep: Path) -> bool:
-    """Whether anything of the sweep was ever handed to sbatch, whatever came of it."""
+    """True if anything of the sweep was ever handed to sbatch, whatever came of it."""
     return any((sweep / LAUNCHER_FOLDER).glob(SCRIPT.format("*")))
 
 

@@ -31,7 +31,7 @@ _WORDS: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Facts:
-    """What is known of a job that was submitted.
+    """The facts known about a submitted job.
 
     Attributes:
         record: the status in the record of the job.
@@ -56,7 +56,7 @@ class Verdict:
 
 
 def verdict(facts: Facts) -> Verdict | None:
-    """What the record is to say; None: what it says, and the job goes on.
+    """The new content of the record; None: it stays, and the job goes on.
 
     That a job is trained is said by its run alone. The queue says whether it may go on.
     """
@@ -92,7 +92,7 @@ def _end(facts: Facts) -> tuple[str, str | None]:
 
 
 def in_the_queue(element: Element | None) -> Remark | None:
-    """What is to be said of a job that waits in the queue; None where it does not wait there.
+    """The message about a job that waits in the queue; None if it does not wait there.
 
     The reason is told where the job had started before, or where it will not start by itself.
     """
