@@ -20,6 +20,8 @@ from analysis.measures.motions import OverMotions
 from analysis.statistics.motions import Profile
 from analysis.statistics.results import Interval
 
+MOTIONS, PROFILES = OF_MOTIONS = ("motions", "profiles")  # stems of the files
+
 
 @styled
 def figure_motions(
@@ -60,7 +62,7 @@ def figure_motions(
         "ratios, by t over motions."
     )
     caption = caption_of(next(iter(studies.values())), what, band=False)
-    return Drawing(figure, "Improvement by motion", caption, "motions")
+    return Drawing(figure, "Improvement by motion", caption, MOTIONS)
 
 
 @styled
@@ -91,4 +93,4 @@ def figure_profiles(
         "as the threshold; the mean over motions. Bands: pointwise 95 % intervals, seeds drawn "
         "anew within motions."
     )
-    return Drawing(figure, "Performance profiles", caption_of(study, what, band=False), "profiles")
+    return Drawing(figure, "Performance profiles", caption_of(study, what, band=False), PROFILES)

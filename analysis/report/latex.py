@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from analysis.report.cells import NBSP, interval_text, p_value_text, spread_text
+from analysis.report.cells import NBSP, Table, interval_text, p_value_text, spread_text
 from analysis.report.evidence import Evidence
 from analysis.report.outcomes import Outcome
 from analysis.statistics.significance import holm
@@ -31,15 +31,7 @@ def latex_table(
         *("", *evidence.labels, "difference [95 % interval]"),
         *("p (Welch, Holm)", "p (permutation, Holm)"),
     ]
-    lines = [
-        "% needs \\usepackage{booktabs}",
-        r"\begin{table}",
-        r"  \centering",
-        f"  \\caption{{{tex(caption)}}}",
-        f"  \\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}",
-        r"    \toprule",
-        f"    {_row(head)}",
-    ]
+    lines = []
     for name, found in groups:
         if found:
             lines += [
@@ -47,8 +39,28 @@ def latex_table(
                 f"    \\multicolumn{{{len(head)}}}{{l}}{{\\emph{{{tex(name)}}}}} \\\\",
             ]
             lines += [f"    {_row(cells)}" for cells in _cells(found)]
-    lines += [r"    \bottomrule", r"  \end{tabular}", r"\end{table}"]
-    return "\n".join(lines) + "\n"
+    return _environment(head, lines, caption)
+
+
+def latex_of(table: Table, caption: str) -> str:
+    """A table of the report as a table environment (package booktabs)."""
+    rows = [f"    {_row(row)}" for row in table.rows]
+    return _environment(table.header, [r"    \midrule", *rows], caption)
+
+
+def _environment(head: Sequence[str], lines: Sequence[str], caption: str) -> str:
+    framed = [
+        "% needs \\usepackage{booktabs}",
+        r"\begin{table}",
+        r"  \centering",
+        f"  \\caption{{{tex(caption)}}}",
+        f"  \\begin{{tabular}}{{l{'r' * (len(head) - 1)}}}",
+        r"    \toprule",
+        f"    {_row(head)}",
+        *lines,
+        *(r"    \bottomrule", r"  \end{tabular}", r"\end{table}"),
+    ]
+    return "\n".join(framed) + "\n"
 
 
 def _cells(found: Sequence[Outcome]) -> list[list[str]]:

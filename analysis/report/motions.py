@@ -19,6 +19,7 @@ from analysis.report.answer import change_text, together
 from analysis.report.cells import Table, interval_text, number, p_value_text
 from analysis.report.content import Report, one_command, without_nan
 from analysis.report.evidence import Evidence
+from analysis.report.latex import latex_of
 from analysis.report.sections import Picture, Section
 from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.motions import (
@@ -62,6 +63,7 @@ def gather_motions(
     found = over_motions(studies, first.treatment)
     told = _told(found)
     compared = [Compared(measure) for measure in found]
+    pooled = _pooled(compared)
     drawings = _drawings(studies, first.treatment, [each for each in compared if each.of in told])
     pictures, pdf = _drawn(drawings)
     command = one_command(tuple(dict.fromkeys(commands)))
@@ -76,12 +78,12 @@ def gather_motions(
         commands=() if len(set(commands)) == 1 else tuple(dict.fromkeys(commands)),
         sections=(
             Section("motions", "Motion by motion", tables=_by_motion(compared, pages)),
-            Section("pooled", "All motions together", _PARAGRAPHS, tables=(_pooled(compared),)),
+            Section("pooled", "All motions together", _PARAGRAPHS, tables=(pooled,)),
             Section("figures", "Figures", pictures=pictures),
         ),
         numbers=without_nan({"motions": [each.numbers for each in compared]}),
         figures_pdf=pdf,
-        latex="",
+        latex=latex_of(pooled, f"{first.versus}. {pooled.note}"),
     )
 
 

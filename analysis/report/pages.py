@@ -12,6 +12,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.figures.catalogue import ALL_FIGURES
+from analysis.figures.motions import OF_MOTIONS
 from analysis.report.content import Report
 from analysis.report.judging.verdicts import Verdict
 from tlr_exp.errors import UserError
@@ -80,7 +81,8 @@ def _move_in(fresh: Path, folder: Path) -> None:
     figures = sorted(each.name for each in (fresh / FIGURES).iterdir())
     for name in (*(f"{FIGURES}/{figure}" for figure in figures), *BESIDE, PAGE):
         os.replace(fresh / name, folder / name)
-    ours = {f"{spec.stem}.{suffix}" for spec in ALL_FIGURES for suffix in ("svg", "png")}
+    stems = (*(spec.stem for spec in ALL_FIGURES), *OF_MOTIONS)
+    ours = {f"{stem}.{suffix}" for stem in stems for suffix in ("svg", "png")}
     for name in ours.difference(figures):
         (folder / FIGURES / name).unlink(missing_ok=True)
 

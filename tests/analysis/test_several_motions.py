@@ -121,6 +121,9 @@ def test_from_run_directories_to_tables_and_a_report(tmp_path: Path, capsys):
     assert "walk/report.html" in text
     assert (page / "figures" / "motions.png").is_file()
     assert (page / "figures" / "profiles.png").is_file()
+    latex = (page / "comparison.tex").read_text(encoding="utf-8")
+    assert latex.count("begin{tabular}") == 1
+    assert "Upper-body error (m), last 20 \\%" in latex
 
 
 def test_nothing_is_replaced_where_one_of_the_reports_has_no_place(tmp_path: Path, capsys):
