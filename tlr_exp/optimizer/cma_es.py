@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -55,23 +56,21 @@ def cma_search(
     """
     tally = Tally(objective_fn, task)
     lower, width, start = task.lower, task.upper - task.lower, task.start
-    # One weight has no covariance to leave out, and the library refuses it.
-    kind = SepCMA if separable and len(lower) > 1 else CMA
-    bounds = np.tile([0.0, 1.0], (len(lower), 1))
     mean = None if start is None else ((start[0] - lower) / width).cpu().double().numpy()
+    # One weight has no covariance to leave out, and the library refuses it.
+    begin = partial(
+        SepCMA if separable and len(lower) > 1 else CMA,
+        sigma=initial_std,
+        bounds=np.tile([0.0, 1.0], (len(lower), 1)),
+        n_max_resampling=resampling,
+        population_size=pack_size,
+    )
     distribution = None
     pack, values = lower[None], lower[:1]
     for _ in range(iterations + 1):
         if distribution is None or distribution.should_stop():
             seed, uniform = _draw(lower, task.generator)
-            distribution = kind(
-                mean=uniform if mean is None else mean,
-                sigma=initial_std,
-                bounds=bounds,
-                n_max_resampling=resampling,
-                seed=seed,
-                population_size=pack_size,
-            )
+            distribution = begin(mean=uniform if mean is None else mean, seed=seed)
             mean = None
         samples = np.stack([distribution.ask() for _ in range(pack_size)])
         pack = (lower + width * torch.from_numpy(samples).to(lower)).clamp(lower, task.upper)

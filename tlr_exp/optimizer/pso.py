@@ -72,7 +72,7 @@ class ParticleSwarm(ChosenWeights):
     """Weights that minimise the objective, by a particle swarm in every iteration.
 
     Attributes:
-        pack_size: particles, at least 3.
+        pack_size: particles, at least 2.
         iterations: moves of the swarm per training iteration, at least 1.
         inertia: factor of the velocity, from 0 to 1.
         cognitive: largest pull towards the particle's own best position, from 0 to 4.
