@@ -48,7 +48,7 @@ def _reports(studies: Mapping[str, Study], repeat: str | None) -> Iterator[tuple
         ((motion, study),) = studies.items()
         yield "", gather(study, repeat or commands[motion], progress)
         return
-    every = [repeat] if repeat else [each for own in commands.values() for each in own]
+    every = repeat or [each for own in commands.values() for each in own]
     yield "", gather_motions(studies, every, {name: f"{name}/{PAGE}" for name in studies}, progress)
     for motion, study in studies.items():
         progress(f"the motion {motion}")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.data.check import checked, rechecked
+from analysis.data.check import checked, rechecked, several_motions
 from analysis.data.motions import checked_by_motion, with_the_same_arms
 from analysis.data.publishable import publishable
 from analysis.data.run_directories import arms_of_sweep, from_run_directories
@@ -29,34 +29,16 @@ from tlr_exp.records.places import plain_text
 RUNS_DIR = Path("runs")  # where the store is looked for unless a URI is given
 
 
-def load_study(
-    sources: Iterable[str | Path] = (),
-    experiment: str | None = None,
-    tracking_uri: str | None = None,
-    sweep: str | None = None,
-    arm_keys: Sequence[str] | None = None,
-    starts: str | Path | None = None,
-    **choices: Any,
-) -> Study:
-    """The study of the runs in `sources`, or of an MLflow experiment in their place.
-
-    A source is a run directory, a folder with runs, the directory of a sweep, or an exported study.
-    A single exported study without `arm_keys` or `choices` keeps its arms (`check.rechecked` says
-    what is refused); all else is checked (`check.checked`, which explains the `choices`). Without
-    `arm_keys`, the arms are those of the sweep, or the optimizers. Hosts and paths are made
-    publishable. Roll-outs are those of the CSV ``starts``, else of the exported studies and of a
-    CSV that lies beside the runs.
+def load_study(*sources: Any, **choices: Any) -> Study:
+    """The one study that `load_studies` finds.
 
     Raises:
-        StudyError: one line for each problem.
+        StudyError: as `load_studies`, or runs of several motions.
     """
-    paths = [Path(source) for source in sources]
-    if len(paths) == 1 and is_exported(paths[0]) and arm_keys is None and not any(choices.values()):
-        study = rechecked(from_tables(paths[0]))
-        return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
-    unfinished = bool(choices.get("allow_unfinished"))
-    found = _found(paths, experiment, tracking_uri, sweep, unfinished)
-    return found.with_all(checked(found.records, arm_keys or found.arm_keys, **choices), starts)
+    studies = load_studies(*sources, **choices)
+    if len(studies) > 1:
+        raise several_motions(studies)
+    return next(iter(studies.values()))
 
 
 def load_studies(
@@ -68,25 +50,27 @@ def load_studies(
     starts: str | Path | None = None,
     **choices: Any,
 ) -> dict[str, Study]:
-    """The studies of `load_study` by their motions, one for each motion of the runs.
+    """The study of the runs in `sources`, or of an MLflow experiment in their place, by motion.
 
-    A folder with an exported study of each motion, as tlr-export writes it, is a source, too. Where
-    the motion is an arm, or one of them is chosen, there is one study.
+    A source is a run directory, a folder with runs, the directory of a sweep, an exported study, or
+    a folder with one of each motion. Exported studies without `arm_keys` or `choices` keep their
+    arms (`check.rechecked` says what is refused); all else is checked (`check.checked`, which
+    explains the `choices`). Without `arm_keys`, the arms are those of the sweep, or the optimizers.
+    There is a study for each motion of the runs, but one where a motion is chosen or may differ.
+    Hosts and paths are made publishable. Roll-outs are those of the CSV ``starts``, else of the
+    exported studies and of a CSV that lies beside the runs.
 
     Raises:
-        StudyError: as `load_study`; motions without the same arms.
+        StudyError: one line for each problem.
     """
     paths = [each for source in sources for each in exported_in(Path(source))]
-    asked = (experiment, tracking_uri, sweep)
-    if len(paths) > 1 and all(map(is_exported, paths)) and arm_keys is None and not choices:
-        studies = [load_study([path], starts=starts) for path in paths]
+    if paths and all(map(is_exported, paths)) and arm_keys is None and not any(choices.values()):
+        studies = [_as_exported(path, starts) for path in paths]
         motions = [study.runs["motion"].iloc[0] for study in studies]
         if len(set(motions)) == len(studies):
             return with_the_same_arms(dict(zip(motions, studies, strict=True)))
-    if len(paths) == 1 and is_exported(paths[0]):
-        study = load_study(paths, *asked, arm_keys, starts, **choices)
-        return {study.runs["motion"].iloc[0]: study}
-    found = _found(paths, *asked, bool(choices.get("allow_unfinished")))
+    unfinished = bool(choices.get("allow_unfinished"))
+    found = _found(paths, experiment, tracking_uri, sweep, unfinished)
     arms = arm_keys or found.arm_keys
     may_differ = covers([*arms, *choices.get("ignore", ())], MOTION)
     if choices.get("motion") or may_differ or not found.records:
@@ -94,6 +78,11 @@ def load_studies(
         return {study.runs["motion"].iloc[0]: study}
     studies = checked_by_motion(found.records, arms, **choices)
     return {motion: found.with_all(study, starts) for motion, study in studies.items()}
+
+
+def _as_exported(path: Path, starts: str | Path | None) -> Study:
+    study = rechecked(from_tables(path))
+    return study if starts is None else _with_starts(study, [read_starts(Path(starts))])
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -50,35 +51,29 @@ def over_motions(studies: Mapping[str, Study], treatment: str) -> list[OverMotio
 
     studies: by motion, with the same arms.
     """
-    moved = {id(study): rollouts(study) for study in studies.values()}
+    moved = {motion: rollouts(study) for motion, study in studies.items()}
 
-    def without_noise(measure: str) -> Callable[[Study, str], np.ndarray | None]:
-        def values(study: Study, arm: str) -> np.ndarray | None:
-            found = moved[id(study)]
-            if found is None or not found.has(study, measure, arm):
-                return None
-            return found.of_arm(study, measure, arm).to_numpy()
+    def without_noise(measure: str, motion: str, arm: str) -> np.ndarray | None:
+        found, study = moved[motion], studies[motion]
+        if found is None or not found.has(study, measure, arm):
+            return None
+        return found.of_arm(study, measure, arm).to_numpy()
 
-        return values
-
-    def at_the_end(metric: str) -> Callable[[Study, str], np.ndarray | None]:
-        def values(study: Study, arm: str) -> np.ndarray | None:
-            try:
-                _, iterations, curves = study.matrix(metric, arm)
-            except StudyError:
-                return None
-            return tail_mean(curves, iterations)
-
-        return values
+    def at_the_end(metric: str, motion: str, arm: str) -> np.ndarray | None:
+        try:
+            _, iterations, curves = studies[motion].matrix(metric, arm)
+        except StudyError:
+            return None
+        return tail_mean(curves, iterations)
 
     rolled = TRACKING_OF_ROLL_OUT | EFFORT_OF_ROLL_OUT | COST_OF_ROLL_OUT
     asked = [
-        *((name, shown, WITHOUT_NOISE, without_noise(name)) for name, shown in rolled.items()),
-        *((name, quantity(name), LAST_FIFTH, at_the_end(name)) for name in TRAINING),
+        *((name, shown, WITHOUT_NOISE, without_noise) for name, shown in rolled.items()),
+        *((name, quantity(name), LAST_FIFTH, at_the_end) for name in TRAINING),
     ]
     found = []
     for name, shown, endpoint, values in asked:
-        arms = _of_both(studies, treatment, values)
+        arms = _of_both(studies, treatment, partial(values, name))
         if arms is not None:
             found.append(OverMotions(name, shown, endpoint, *arms))
     return found
@@ -87,13 +82,13 @@ def over_motions(studies: Mapping[str, Study], treatment: str) -> list[OverMotio
 def _of_both(
     studies: Mapping[str, Study],
     treatment: str,
-    values_of: Callable[[Study, str], np.ndarray | None],
+    values_of: Callable[[str, str], np.ndarray | None],
 ) -> tuple[ByMotion, ByMotion] | None:
     """The values of the baseline and of the treatment by motion; None where one is missing."""
     arms: tuple[ByMotion, ByMotion] = ({}, {})
     for motion, study in studies.items():
         for by_motion, arm in zip(arms, (study.baseline, treatment), strict=True):
-            values = values_of(study, arm)
+            values = values_of(motion, arm)
             if values is None:
                 return None
             by_motion[motion] = values

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from analysis.data.settings import RECIPE
 from analysis.data.study import Study
 from analysis.figures.catalogue import ALL_FIGURES
-from analysis.figures.drawing import NotDrawnError
+from analysis.figures.drawing import Drawing, NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render, styled
 from analysis.report import answer, sections
@@ -78,10 +78,7 @@ def gather(
     progress("false alarms of both protocols")
     rates = sections.null_rates(evidence)
     pictures, missing, pdf = draw_all(study, rates, progress)
-    each = (commands,) if isinstance(commands, str) else tuple(dict.fromkeys(commands))
-    command = one_command(each)
-    if command and not isinstance(commands, str) and not _names_recipe(study):
-        command += " recipe=paper"  # all that there was before a recipe had a name
+    command, every = repeating([study], commands)
     return Report(
         title=evidence.versus,
         subtitle=answer.subtitle(study),
@@ -89,8 +86,8 @@ def gather(
         answer=answer.answer(evidence, judged),
         carrier=carrier_of(pictures, evidence),
         summary=tuple(answer.summary(evidence, judged)),
-        command=command or f"{each[0]}  # one of {len(each)} runs, all of which are below",
-        commands=() if len(each) == 1 else each,
+        command=command,
+        commands=every,
         sections=(
             *sections.claims_section(judged),
             *sections.tracking_section(study, found),
@@ -142,16 +139,35 @@ def draw_all(
             except NotDrawnError as reason:
                 missing.append(f"{spec.stem} ({reason})")
                 continue
-            files = render(drawing.figure, "svg"), render(drawing.figure, "png")
-            words = drawing.title, drawing.caption, spec.paper
-            width = drawing.figure.get_figwidth()
-            pictures.append(Picture(spec.stem, *words, width, *files))
+            pictures.append(picture_of(drawing, spec.paper))
             pages.savefig(drawing.figure)
             pages.attach_note(f"{drawing.title}. {drawing.caption}")
     return tuple(pictures), tuple(missing), buffer.getvalue()
 
 
+def picture_of(drawing: Drawing, paper: str = "") -> Picture:
+    """A drawing as files; `paper` is what it is there."""
+    files = render(drawing.figure, "svg"), render(drawing.figure, "png")
+    width = drawing.figure.get_figwidth()
+    return Picture(drawing.stem, drawing.title, drawing.caption, paper, width, *files)
+
+
 # --- the command that repeats it --------------------------------------------------------------
+def repeating(
+    studies: Sequence[Study], commands: str | Sequence[str]
+) -> tuple[str, tuple[str, ...]]:
+    """The command that repeats the studies; and those of all runs, where there are several.
+
+    commands: the one that repeats them, or those of the runs.
+    """
+    each = (commands,) if isinstance(commands, str) else tuple(dict.fromkeys(commands))
+    command = one_command(each)
+    if command and not isinstance(commands, str) and not any(map(_names_recipe, studies)):
+        command += " recipe=paper"  # all that there was before a recipe had a name
+    told = command or f"{each[0]}  # one of {len(each)} runs, all of which are below"
+    return told, () if len(each) == 1 else each
+
+
 def one_command(commands: Sequence[str]) -> str:
     """The sweep that starts the same runs as ``commands`` do; empty where no one command does.
 

@@ -13,11 +13,11 @@ from matplotlib.backends.backend_pdf import PdfPages
 from analysis.data.study import Study, pretty_arm
 from analysis.figures.drawing import Drawing
 from analysis.figures.motions import figure_motions, figure_profiles
-from analysis.figures.style import render, styled
+from analysis.figures.style import styled
 from analysis.measures.motions import LAST_FIFTH, OverMotions, over_motions
 from analysis.report.answer import change_text, together
 from analysis.report.cells import Table, interval_text, number, p_value_text
-from analysis.report.content import Report, one_command, without_nan
+from analysis.report.content import Report, picture_of, repeating, without_nan
 from analysis.report.evidence import Evidence
 from analysis.report.latex import latex_of
 from analysis.report.sections import Picture, Section
@@ -44,7 +44,7 @@ _THRESHOLDS = np.linspace(0.5, 1.5, 101)
 
 def gather_motions(
     studies: Mapping[str, Study],
-    commands: Sequence[str],
+    commands: str | Sequence[str],
     pages: Mapping[str, str],
     progress: Callable[[str], None] = lambda _: None,
 ) -> Report:
@@ -52,7 +52,7 @@ def gather_motions(
 
     Args:
         studies: by motion, with the same arms.
-        commands: those of the runs.
+        commands: the command that repeats the studies, or those of their runs.
         pages: by motion, where the report on it lies.
 
     Raises:
@@ -66,7 +66,7 @@ def gather_motions(
     pooled = _pooled(compared)
     drawings = _drawings(studies, first.treatment, [each for each in compared if each.of in told])
     pictures, pdf = _drawn(drawings)
-    command = one_command(tuple(dict.fromkeys(commands)))
+    command, every = repeating([*studies.values()], commands)
     return Report(
         title=f"{first.versus}, {len(studies)} motions",
         subtitle=_subtitle(studies),
@@ -74,8 +74,8 @@ def gather_motions(
         answer=_answer(first, studies, [each for each in compared if each.of in told]),
         carrier=pictures[0] if pictures else None,
         summary=tuple(f"{motion}: {page}" for motion, page in pages.items()),
-        command=command or f"{commands[0]}  # one of {len(commands)} runs, all of which are below",
-        commands=() if len(set(commands)) == 1 else tuple(dict.fromkeys(commands)),
+        command=command,
+        commands=every,
         sections=(
             Section("motions", "Motion by motion", tables=_by_motion(compared, pages)),
             Section("pooled", "All motions together", _PARAGRAPHS, tables=(pooled,)),
@@ -246,10 +246,3 @@ def _drawn(drawings: Sequence[Drawing]) -> tuple[tuple[Picture, ...], bytes]:
             pictures.append(picture_of(drawing))
             pages.savefig(drawing.figure)
     return tuple(pictures), buffer.getvalue()
-
-
-def picture_of(drawing: Drawing, paper: str = "") -> Picture:
-    """A drawing as files."""
-    files = render(drawing.figure, "svg"), render(drawing.figure, "png")
-    width = drawing.figure.get_figwidth()
-    return Picture(drawing.stem, drawing.title, drawing.caption, paper, width, *files)
