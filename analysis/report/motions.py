@@ -15,7 +15,7 @@ from analysis.figures.drawing import Drawing
 from analysis.figures.motions import figure_motions, figure_profiles
 from analysis.figures.style import styled
 from analysis.measures.motions import LAST_FIFTH, OverMotions, over_motions
-from analysis.report.answer import change_text, together
+from analysis.report.answer import banner, change_text, together
 from analysis.report.cells import Table, interval_text, number, p_value_text
 from analysis.report.content import Report, picture_of, repeating, without_nan
 from analysis.report.evidence import Evidence
@@ -70,7 +70,7 @@ def gather_motions(
     return Report(
         title=f"{first.versus}, {len(studies)} motions",
         subtitle=_subtitle(studies),
-        banner="",
+        banner=banner(first.study),
         answer=_answer(first, studies, [each for each in compared if each.of in told]),
         carrier=pictures[0] if pictures else None,
         summary=tuple(f"{motion}: {page}" for motion, page in pages.items()),
