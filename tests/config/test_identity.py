@@ -11,6 +11,7 @@ from tlr_exp.config.load import (
     plain_config,
     with_absolute_paths,
 )
+from tlr_exp.config.nested import value_at, with_value
 from tlr_exp.config.versions import ADDED_KEYS, of_any_version
 from tlr_exp.records.runs import config_hash
 
@@ -107,6 +108,21 @@ def test_runs_keep_the_identity_that_earlier_versions_gave_them(tmp_path, identi
             group = group[parent]
         del group[name]
     assert run_identity(config) == run_identity(of_any_version(config)) == identity
+
+
+@pytest.mark.parametrize("group", ["env.noise"])
+def test_a_later_group_counts_once_any_of_its_values_is_another(group):
+    """The default choice is what earlier runs did, and a part that is set does not hide the rest."""
+    config = plain_config(composed())
+    assert value_at(config, group) == ADDED_KEYS[group]
+    without = with_value(config, group, None)
+    del without["env"][group.rpartition(".")[2]]
+    assert of_any_version(without) == of_any_version(config)
+    assert run_identity(without) == run_identity(config)
+    name = next(iter(ADDED_KEYS[group]))
+    changed = with_value(config, f"{group}.{name}", "another")
+    assert of_any_version(changed) == changed
+    assert run_identity(changed) != run_identity(config)
 
 
 def test_a_later_key_counts_once_it_has_another_value_than_earlier_runs_had(monkeypatch):

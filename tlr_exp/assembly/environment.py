@@ -9,7 +9,7 @@ from tlr_exp.assembly.terms import Terms
 from tlr_exp.assembly.world import num_starts
 from tlr_exp.config.components import instantiate
 from tlr_exp.config.load import ConfigError
-from tlr_exp.config.settings import ResetNoise, Settings
+from tlr_exp.config.settings import EnvSettings, ObservationNoise, ResetNoise, Settings
 from tlr_exp.env.starts import even_frames
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.motion.clip import MotionClip
@@ -27,8 +27,12 @@ def build_env(
 ) -> TrackingEnv:
     """The environment that a run trains in; it goes on from a ``saved`` simulation."""
     physics = _physics(settings, robot, settings.scale.num_envs)
-    reference, seed = Reference(clip, settings.device), Seeds.of(settings.seed).env
-    return TrackingEnv(physics, reference, robot, terms, settings.env, seed, saved=saved)
+    reference, seeds = Reference(clip, settings.device), Seeds.of(settings.seed)
+    return TrackingEnv(
+        *(physics, reference, robot, terms, settings.env, seeds.env),
+        saved=saved,
+        noise_seed=seeds.noise,
+    )
 
 
 def build_evaluation_env(
@@ -44,8 +48,7 @@ def build_evaluation_env(
     Raises:
         ConfigError: the motion is too short for so many; ``key`` says where the number comes from.
     """
-    no_noise = ResetNoise(*(0.0 for _ in dataclasses.fields(ResetNoise)))
-    env_settings = dataclasses.replace(settings.env, start_phase="zero", reset_noise=no_noise)
+    env_settings = dataclasses.replace(undisturbed(settings.env), start_phase="zero")
     try:
         frames = even_frames(num_starts(settings.env, clip), starts, key)
     except ValueError as error:
@@ -59,6 +62,16 @@ def build_evaluation_env(
         Seeds.of(settings.seed).env,
         failures=False,
         start_frames=frames,
+    )
+
+
+def undisturbed(settings: EnvSettings) -> EnvSettings:
+    """The same without any noise."""
+    none = {field.name: 0.0 for field in dataclasses.fields(ObservationNoise)}
+    return dataclasses.replace(
+        settings,
+        reset_noise=ResetNoise(*(0.0 for _ in dataclasses.fields(ResetNoise))),
+        noise=ObservationNoise(**{**none, "distribution": settings.noise.distribution}),
     )
 
 

@@ -1,6 +1,6 @@
 """The random streams of a run, one for each part that draws."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,9 +14,12 @@ class Seeds:
     exploration: int
     minibatches: int
     weights: int
+    noise: int
 
     @classmethod
     def of(cls, seed: int) -> "Seeds":
         # 63 bits: the largest seed that both torch and NumPy take.
-        states = np.random.SeedSequence(seed).generate_state(5, dtype=np.uint64) >> np.uint64(1)
+        # A further stream, at the end, leaves the numbers of those before it as they were.
+        count = len(fields(cls))
+        states = np.random.SeedSequence(seed).generate_state(count, np.uint64) >> np.uint64(1)
         return cls(*(int(state) for state in states))

@@ -26,6 +26,7 @@ from tlr_exp.errors import UserError
 OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
 START_PHASES = ("random", "adaptive", "zero")
+DISTRIBUTIONS = ("uniform", "gaussian")
 ACTIVATIONS = ("elu", "relu", "tanh")
 PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")
@@ -90,6 +91,14 @@ LIMITS: Mapping[str, Check] = {
     "env.reset_noise.root_ang_vel": _at_least(0),
     "env.reset_noise.joint_pos_rad": _at_least(0),
     "env.reset_noise.joint_vel": _at_least(0),
+    "env.noise.distribution": _one_of(DISTRIBUTIONS),
+    "env.noise.gyro": _at_least(0),
+    "env.noise.gravity": _within(0, math.pi),
+    "env.noise.joint_pos": _at_least(0),
+    "env.noise.joint_vel": _at_least(0),
+    "env.noise.heading": _within(0, math.pi),
+    "env.noise.root_pos": _at_least(0),
+    "env.noise.root_lin_vel": _at_least(0),
     "env.termination.max_tilt": _within(0, 1),
     "env.termination.distance_start_m": _ABOVE_0,
     "env.termination.distance_end_m": _ABOVE_0,

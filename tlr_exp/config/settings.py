@@ -45,6 +45,24 @@ class ResetNoise:
 
 
 @dataclass
+class ObservationNoise:
+    """Noise on what the actor sees, drawn anew for every value at every control step.
+
+    Half-widths where ``distribution`` is ``uniform``, standard deviations where it is ``gaussian``,
+    in rad/s, rad, rad, rad/s, rad, m and m/s; zero everywhere is none.
+    """
+
+    distribution: str
+    gyro: float
+    gravity: float
+    joint_pos: float
+    joint_vel: float
+    heading: float
+    root_pos: float
+    root_lin_vel: float
+
+
+@dataclass
 class RobotSettings:
     """Which model: PD gains, contacts, and a model file of the user's own (or null)."""
 
@@ -64,6 +82,7 @@ class EnvSettings:
     reference_lead: int
     start_phase: str
     reset_noise: ResetNoise
+    noise: ObservationNoise
     termination: TerminationSettings
 
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tlr_exp.config.input_files import INITIAL
-from tlr_exp.config.nested import flat, with_value
+from tlr_exp.config.nested import covers, flat, with_value
 
-# Keys that runs of earlier versions lack, with the value that says what these runs did.
+# Keys that runs of earlier versions lack, with the value that says what these runs did; of a group
+# that they lack, all of its values.
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "precision": "float32",
@@ -16,6 +17,11 @@ ADDED_KEYS: dict[str, Any] = {
     "ppo.final_learning_rate": None,
     "ppo.decay_from": 0.0,
     INITIAL: None,
+    "env.noise": {
+        "distribution": "uniform",
+        **dict.fromkeys(("gyro", "gravity", "joint_pos", "joint_vel"), 0.0),
+        **dict.fromkeys(("heading", "root_pos", "root_lin_vel"), 0.0),
+    },
 }
 # Where classes that a configuration names by ``_target_`` were first, and where they are now. The
 # first name is the one that counts in a run's identity.
@@ -30,8 +36,8 @@ def of_any_version(config: Mapping[str, Any]) -> dict[str, Any]:
     """The plain configuration of a run of any version with all keys, and classes by new names."""
     complete, there = copy.deepcopy(dict(config)), flat(config)
     for key, value in ADDED_KEYS.items():
-        if key not in there:
-            complete = with_value(complete, key, value)
+        if not any(covers([key], each) for each in there):
+            complete = with_value(complete, key, copy.deepcopy(value))
     return _with_classes(complete, lambda target: _renamed(target, MOVED_MODULES))
 
 

@@ -21,12 +21,12 @@ from tlr_exp.env.actions import JointTargets
 from tlr_exp.env.errors import tracking_errors
 from tlr_exp.env.instability import UnstableStates
 from tlr_exp.env.instant import Instant
+from tlr_exp.env.noise import NoisySensors
 from tlr_exp.env.resets import perturb
 from tlr_exp.env.starts import StartFrames
 from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fell
 from tlr_exp.env.terms import TERMS
 from tlr_exp.env.transition import JointLimits, Transition
-from tlr_exp.errors import UserError
 from tlr_exp.motion.reference import Reference, ReferenceFrame
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
@@ -52,6 +52,7 @@ class TrackingEnv(EnvBase):
             by default as ``settings`` say.
         saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
             the first one of all robots hands back the saved episodes and starts none.
+        noise_seed: of the generator of the noise on observations.
 
     Attributes:
         term_names: the names of the terms, in order.
@@ -60,6 +61,7 @@ class TrackingEnv(EnvBase):
         reference: the motion, which is read ``settings.reference_lead`` frames ahead.
         joint_targets, limits: what actions mean, and what joints and motors allow.
         starts, distance: the frames in which episodes start, and the distance limit of episodes.
+        sensors: what the actor sees is what they say of the robots.
 
     Raises:
         UserError: a choice that does not exist, a motion or start frames that do not fit.
@@ -76,10 +78,11 @@ class TrackingEnv(EnvBase):
         failures: bool = True,
         start_frames: Sequence[int] | None = None,
         saved: Mapping[str, Any] | None = None,
+        noise_seed: int = 0,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_env(settings)
-        _check_motion(reference, physics.control_dt, settings.reference_lead)
+        reference.check_fits(physics.control_dt, settings.reference_lead)
         self.physics = physics
         self.spec = robot.spec
         self.reference = reference
@@ -99,6 +102,7 @@ class TrackingEnv(EnvBase):
             None if start_frames is None else self.starts.checked(start_frames, physics.num_envs)
         )
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
+        self.sensors = NoisySensors(settings.noise, robot.spec, noise_seed, self.device)
         self._make_specs(len(terms))
         self._make_buffers()
         self._resumes = saved is not None
@@ -207,7 +211,8 @@ class TrackingEnv(EnvBase):
         default, kind = self.joint_targets.default_pos, self.settings.observation
         # Of the motion, within [0, 1] (Eq. 4 of the paper).
         phase = (frame_index / (self.reference.num_frames - 1))[:, None]
-        seen = observations.actor_observation(kind, instant, action, default, phase, before)
+        sensed = self.sensors(instant)
+        seen = observations.actor_observation(kind, sensed, action, default, phase, before)
         return seen, observations.privileged_observation(instant)
 
     # --- resetting ---------------------------------------------------------------------------
@@ -257,6 +262,7 @@ class TrackingEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         self.generator.manual_seed(0 if seed is None else seed)
+        self.sensors.generator.manual_seed(0 if seed is None else seed)
 
     # --- checkpoints -------------------------------------------------------------------------
 
@@ -269,6 +275,7 @@ class TrackingEnv(EnvBase):
             "generator": self.generator.get_state(),
             "distance": self.distance.state_dict(),
             "starts": self.starts.state_dict(),
+            "noise": self.sensors.generator.get_state(),
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
@@ -279,18 +286,7 @@ class TrackingEnv(EnvBase):
         self.distance.load_state_dict(saved["distance"])
         if "starts" in saved:  # runs of earlier versions had no adaptive starts
             self.starts.load_state_dict(saved["starts"])
+        if "noise" in saved:  # nor noise on observations
+            self.sensors.generator.set_state(saved["noise"])
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))
-
-
-def _check_motion(reference: Reference, control_dt_s: float, lead: int) -> None:
-    rate_hz = 1.0 / control_dt_s
-    if abs(reference.fps - rate_hz) > 1e-6:
-        raise UserError(
-            f"the motion has {reference.fps:g} frames a second, the control rate is "
-            f"{rate_hz:g} Hz: resample the clip first"
-        )
-    if reference.num_frames < lead + 2:
-        raise UserError(
-            f"a motion needs at least {lead + 2} frames, this one has {reference.num_frames}"
-        )
