@@ -110,9 +110,9 @@ def test_runs_keep_the_identity_that_earlier_versions_gave_them(tmp_path, identi
     assert run_identity(config) == run_identity(of_any_version(config)) == identity
 
 
-@pytest.mark.parametrize("group", ["env.noise"])
+@pytest.mark.parametrize("group", ["env.noise", "env.disturbance"])
 def test_a_later_group_counts_once_any_of_its_values_is_another(group):
-    """The default choice is what earlier runs did, and a part that is set does not hide the rest."""
+    """The default choice is what earlier runs did; a group that is there stays as it is."""
     config = plain_config(composed())
     assert value_at(config, group) == ADDED_KEYS[group]
     without = with_value(config, group, None)

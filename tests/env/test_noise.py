@@ -55,7 +55,8 @@ def test_uniform_noise_fills_its_half_width_and_touches_nothing_else(instant, ch
     assert abs(error.mean()) < 4 * 0.05 / math.sqrt(3 * error.numel())
     assert error.std() == pytest.approx(0.05 / math.sqrt(3), rel=0.04)
     for name, other in found.items():
-        assert other.abs().max() < 1e-5, name
+        # Small rotations commute but for half the product of their angles.
+        assert other.abs().max() < 0.6 * 0.05**2, name
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
@@ -137,8 +138,14 @@ def test_the_same_seed_gives_the_same_noise_and_another_seed_another(make_env):
 
 
 def test_noise_leaves_the_starts_of_episodes_as_they_are(make_env):
-    plain, noisy = make_env(), make_env("env/noise=asap")
-    for env in (plain, noisy):
-        env.reset()
-        env.rollout(30, auto_reset=False, tensordict=env.reset(), break_when_any_done=False)
-    assert torch.equal(plain.generator.get_state(), noisy.generator.get_state())
+    script = torch.randn(30, 4, 23, generator=torch.Generator().manual_seed(0))
+    ends = []
+    for choices in ((), ("env/noise=asap",)):
+        env = make_env(*choices, "env.termination.distance_start_m=0.35")
+        now = env.reset()
+        for action in script:
+            _, now = env.step_and_maybe_reset(now.set(keys.ACTION, action))
+        assert env.episode_step.max() < 30  # some began anew
+        ends.append((env.start_frame, env.state.qpos))
+    assert torch.equal(ends[0][0], ends[1][0])
+    assert torch.equal(ends[0][1], ends[1][1])

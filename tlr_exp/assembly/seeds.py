@@ -15,6 +15,7 @@ class Seeds:
     minibatches: int
     weights: int
     noise: int
+    disturbance: int
 
     @classmethod
     def of(cls, seed: int) -> "Seeds":

@@ -44,14 +44,14 @@ def check_component(key: str, node: Mapping[str, Any], /, **arguments: Any) -> N
     Raises:
         ConfigError: as ``instantiate``.
     """
-    part, settings = _part(key, node), _settings(key, node)
+    part, settings = part_of(key, node), _settings(key, node)
     _check_arguments(key, part, settings, arguments)
     if hasattr(part, "check_settings"):
         _called(key, part.check_settings, settings)
 
 
 def _builder(key: str, node: Mapping[str, Any]) -> Callable[..., Any]:
-    part, settings = _part(key, node), _settings(key, node)
+    part, settings = part_of(key, node), _settings(key, node)
 
     def build(**arguments: Any) -> Any:
         _check_arguments(key, part, settings, arguments)
@@ -60,8 +60,12 @@ def _builder(key: str, node: Mapping[str, Any]) -> Callable[..., Any]:
     return build
 
 
-def _part(key: str, node: Mapping[str, Any]) -> Any:
-    """The class or function that a node names."""
+def part_of(key: str, node: Mapping[str, Any]) -> Any:
+    """The class or function that a node names.
+
+    Raises:
+        ConfigError: it names none.
+    """
     target = node.get(TARGET)
     if not isinstance(target, str):
         raise ConfigError(f"{key}.{TARGET} is {target!r}; it must name a class")

@@ -75,6 +75,18 @@ def _check_share_below_1(key: str, share: float) -> None:
         raise refusal(key, share, "from 0 to below 1")
 
 
+def _range_of(check: Check) -> Check:
+    """Two numbers, the lower one first, of which each passes a check."""
+
+    def check_range(key: str, bounds: Sequence[float]) -> None:
+        if len(bounds) != 2 or not bounds[0] <= bounds[1]:
+            raise refusal(key, bounds, "[low, high], or null")
+        for bound in bounds:
+            check(key, bound)
+
+    return check_range
+
+
 LIMITS: Mapping[str, Check] = {
     "seed": _check_seed,
     "device": _check_device,
@@ -99,6 +111,15 @@ LIMITS: Mapping[str, Check] = {
     "env.noise.heading": _within(0, math.pi),
     "env.noise.root_pos": _at_least(0),
     "env.noise.root_lin_vel": _at_least(0),
+    "env.disturbance.push_m_s": _range_of(_at_least(0)),
+    "env.disturbance.push_every_s": _range_of(_ABOVE_0),
+    "env.disturbance.delay_steps": _range_of(_within(0, 50)),
+    "env.disturbance.friction": _range_of(_ABOVE_0),
+    "env.disturbance.mass": _range_of(_ABOVE_0),
+    "env.disturbance.com_m": _range_of(_at_least(0)),
+    "env.disturbance.kp": _range_of(_ABOVE_0),
+    "env.disturbance.kd": _range_of(_at_least(0)),
+    "env.disturbance.armature": _range_of(_ABOVE_0),
     "env.termination.max_tilt": _within(0, 1),
     "env.termination.distance_start_m": _ABOVE_0,
     "env.termination.distance_end_m": _ABOVE_0,

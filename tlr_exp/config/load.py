@@ -200,6 +200,12 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
+    disturbance = settings.env.disturbance
+    if (disturbance.push_m_s is None) != (disturbance.push_every_s is None):
+        yield (
+            "env.disturbance.push_m_s and env.disturbance.push_every_s go together: how hard, and "
+            "how often, such as [0,0.5] and [1,3]"
+        )
     yield from _limit_problems(settings.optimizer)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):

@@ -63,6 +63,31 @@ class ObservationNoise:
 
 
 @dataclass
+class Disturbances:
+    """What happens to robots and differs between them: ranges [low, high] to draw from, or null.
+
+    Attributes:
+        push_m_s: size of the sudden changes of the pelvis's horizontal velocity.
+        push_every_s: time between two of them.
+        delay_steps: control steps by which joint targets are late, whole numbers.
+        friction: sliding coefficient of all contacts.
+        mass: factor of each body's mass and inertia.
+        com_m: distance by which the torso's centre of mass is moved.
+        kp, kd, armature: factors of each joint's gains and armature.
+    """
+
+    push_m_s: list[float] | None
+    push_every_s: list[float] | None
+    delay_steps: list[int] | None
+    friction: list[float] | None
+    mass: list[float] | None
+    com_m: list[float] | None
+    kp: list[float] | None
+    kd: list[float] | None
+    armature: list[float] | None
+
+
+@dataclass
 class RobotSettings:
     """Which model: PD gains, contacts, and a model file of the user's own (or null)."""
 
@@ -83,6 +108,7 @@ class EnvSettings:
     start_phase: str
     reset_noise: ResetNoise
     noise: ObservationNoise
+    disturbance: Disturbances
     termination: TerminationSettings
 
 

@@ -22,6 +22,10 @@ ADDED_KEYS: dict[str, Any] = {
         **dict.fromkeys(("gyro", "gravity", "joint_pos", "joint_vel"), 0.0),
         **dict.fromkeys(("heading", "root_pos", "root_lin_vel"), 0.0),
     },
+    "env.disturbance": {
+        **dict.fromkeys(("push_m_s", "push_every_s", "delay_steps", "friction", "mass", "com_m")),
+        **dict.fromkeys(("kp", "kd", "armature")),
+    },
 }
 # Where classes that a configuration names by ``_target_`` were first, and where they are now. The
 # first name is the one that counts in a run's identity.

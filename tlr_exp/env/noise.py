@@ -1,4 +1,4 @@
-"""What the sensors say of a robot: its state with noise, from which the actor's observation is made.
+"""What the sensors say of a robot: its state with noise, of which the actor is shown a part.
 
 Noise is added to the state, in SI units, before anything is scaled or normalised. So all that the
 actor sees of a quantity errs together: with the tilt of the pelvis also where the reference seems

@@ -18,6 +18,7 @@ from tlr_exp.config.limits import check_env
 from tlr_exp.config.settings import EnvSettings
 from tlr_exp.env import observations, specs
 from tlr_exp.env.actions import JointTargets
+from tlr_exp.env.disturbances import Disturber
 from tlr_exp.env.errors import tracking_errors
 from tlr_exp.env.instability import UnstableStates
 from tlr_exp.env.instant import Instant
@@ -52,7 +53,7 @@ class TrackingEnv(EnvBase):
             by default as ``settings`` say.
         saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
             the first one of all robots hands back the saved episodes and starts none.
-        noise_seed: of the generator of the noise on observations.
+        noise_seed, disturbance_seed: of the generators of noise on observations, and of the rest.
 
     Attributes:
         term_names: the names of the terms, in order.
@@ -61,7 +62,7 @@ class TrackingEnv(EnvBase):
         reference: the motion, which is read ``settings.reference_lead`` frames ahead.
         joint_targets, limits: what actions mean, and what joints and motors allow.
         starts, distance: the frames in which episodes start, and the distance limit of episodes.
-        sensors: what the actor sees is what they say of the robots.
+        sensors, disturber: what the actor sees of the robots, and what happens to them.
 
     Raises:
         UserError: a choice that does not exist, a motion or start frames that do not fit.
@@ -79,6 +80,7 @@ class TrackingEnv(EnvBase):
         start_frames: Sequence[int] | None = None,
         saved: Mapping[str, Any] | None = None,
         noise_seed: int = 0,
+        disturbance_seed: int = 0,
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_env(settings)
@@ -103,6 +105,7 @@ class TrackingEnv(EnvBase):
         )
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self.sensors = NoisySensors(settings.noise, robot.spec, noise_seed, self.device)
+        self.disturber = Disturber(settings.disturbance, robot, physics, disturbance_seed)
         self._make_specs(len(terms))
         self._make_buffers()
         self._resumes = saved is not None
@@ -137,7 +140,7 @@ class TrackingEnv(EnvBase):
         action = tensordict.get(keys.ACTION)
         before = self.state
         self._resumes = False
-        after = self.physics.step(self._joint_target(action))
+        after = self.physics.step(self.disturber.deliver(self._joint_target(action)))
         self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
@@ -239,6 +242,7 @@ class TrackingEnv(EnvBase):
             self.limits.range_rad,
             self.generator,
         )
+        self.disturber.begin(env_ids, qpos[:, 7:])
         self.physics.set_state(env_ids, qpos, qvel)
         self.state = self.physics.state()
         # Tensors that were handed out stay as they are: write into copies.
@@ -261,8 +265,8 @@ class TrackingEnv(EnvBase):
         return TensorDict({**seen, **cleared}, batch_size=self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
-        self.generator.manual_seed(0 if seed is None else seed)
-        self.sensors.generator.manual_seed(0 if seed is None else seed)
+        for part in (self, self.sensors, self.disturber):
+            part.generator.manual_seed(0 if seed is None else seed)
 
     # --- checkpoints -------------------------------------------------------------------------
 
@@ -276,17 +280,19 @@ class TrackingEnv(EnvBase):
             "distance": self.distance.state_dict(),
             "starts": self.starts.state_dict(),
             "noise": self.sensors.generator.get_state(),
+            "disturbance": self.disturber.state_dict(),
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
     def _restore(self, saved: Mapping[str, Any]) -> None:
+        if "noise" in saved:  # runs of earlier versions had neither
+            self.sensors.generator.set_state(saved["noise"])
+            self.disturber.load_state_dict(saved["disturbance"])
         self.physics.load_state_dict(saved["physics"])
         self.state = self.physics.state()
         self.generator.set_state(saved["generator"])
         self.distance.load_state_dict(saved["distance"])
         if "starts" in saved:  # runs of earlier versions had no adaptive starts
             self.starts.load_state_dict(saved["starts"])
-        if "noise" in saved:  # nor noise on observations
-            self.sensors.generator.set_state(saved["noise"])
         for name in self._BUFFERS:
             setattr(self, name, saved["buffers"][name].to(self.device))

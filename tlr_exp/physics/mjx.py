@@ -33,8 +33,6 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints that warp is missin
 
 _ITERATION_LIMITS = 1 << 9 | 1 << 10  # MuJoCo Warp's OverflowType.ITERATIONS and LS_ITERATIONS
 Implementation = Literal["jax", "warp"]
-STATE_FIELDS = PhysicsState._fields
-
 Arrays = dict[str, jax.Array]
 
 
@@ -44,8 +42,7 @@ class MjxPhysics:
     The tensors of a returned state are JAX's own memory, passed on without a copy.
 
     Args:
-        robot: the robot; its model is copied.
-        num_envs: number of simulations.
+        robot, num_envs: the robot, whose model is copied, and the number of simulations.
         impl: ``jax``, or ``warp`` for MuJoCo Warp, which needs the package warp-lang.
         max_contacts: contacts that ``warp`` has room for, a robot on average.
         max_constraints: constraint rows that ``warp`` has room for, in each robot.
@@ -55,6 +52,8 @@ class MjxPhysics:
         UserError: an unknown ``impl``, a number below 1, a package that ``impl`` or ``device``
             needs is missing, or a model that ``impl`` cannot simulate.
     """
+
+    disturbances = ("push_m_s",)  # the compiled program has one model for all robots
 
     def __init__(
         self,
@@ -119,8 +118,7 @@ class MjxPhysics:
         if env_ids.numel() == 0:
             return
         env_ids = env_ids.to(self.device)
-        mask = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        mask[env_ids] = True
+        mask = torch.zeros(self.num_envs, device=self.device).index_fill(0, env_ids, 1.0) > 0.0
 
         def spread(rows: Tensor) -> jax.Array:
             everywhere = torch.zeros(self.num_envs, rows.shape[1], device=self.device)
@@ -130,10 +128,16 @@ class MjxPhysics:
         inputs = (self._to_jax(mask), spread(qpos), spread(qvel))
         self._arrays = jax.block_until_ready(self._restart(self._arrays, *inputs))
 
+    def push(self, env_ids: Tensor, velocity: Tensor) -> None:
+        """Change the velocity of some robots; see ``Physics.push``."""
+        qvel = torch.from_dlpack(self._arrays["qvel"]).clone()
+        qvel[env_ids.to(self.device), :3] += velocity.to(qvel)
+        self._arrays = {**self._arrays, "qvel": self._to_jax(qvel)}
+
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""
-        tensors = (torch.from_dlpack(self._arrays[name]).float() for name in STATE_FIELDS)
-        return PhysicsState(*tensors)
+        fields = PhysicsState._fields
+        return PhysicsState(*(torch.from_dlpack(self._arrays[name]).float() for name in fields))
 
     def state_dict(self) -> dict[str, Tensor]:
         """The state, the solver's warm start and the outputs of the last physics step."""
@@ -158,10 +162,8 @@ def _batched_restart(kinematics: Callable) -> Callable:
         fresh = {name: jnp.zeros_like(value) for name, value in arrays.items()}
         fresh |= {"qpos": qpos, "qvel": qvel} | jax.vmap(kinematics)(qpos, qvel)
 
-        def choose(new: jax.Array, old: jax.Array) -> jax.Array:
-            return jnp.where(mask.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-
-        return {name: choose(fresh[name], old) for name, old in arrays.items()}
+        rows = {name: mask.reshape(-1, *[1] * (old.ndim - 1)) for name, old in arrays.items()}
+        return {name: jnp.where(rows[name], fresh[name], old) for name, old in arrays.items()}
 
     return restart
 
@@ -180,8 +182,8 @@ def _advance_program(robot: Robot, impl: str, room: dict[str, Any]) -> Callable:
     if impl == "warp":
         # Five solver iterations are the model's choice, not worth a printed line at every step.
         options: Any = mjx_model.opt._impl
-        warn = options.warn_overflow & ~_ITERATION_LIMITS
-        mjx_model = mjx_model.tree_replace({"opt._impl.warn_overflow": warn})
+        quiet = {"opt._impl.warn_overflow": options.warn_overflow & ~_ITERATION_LIMITS}
+        mjx_model = mjx_model.tree_replace(quiet)
     blank = mjx.make_data(model, impl=impl, **room)
     foot_address = int(robot.model.sensor(f"{robot.spec.foot_names[0]}_contact").adr[0])
 
@@ -274,9 +276,8 @@ def _check_package(impl: str) -> None:
 
 
 def _find_jax_device(device: torch.device) -> Any:
-    platform = "gpu" if device.type == "cuda" else device.type
     try:
-        return jax.devices(platform)[device.index or 0]
+        return jax.devices("gpu" if device.type == "cuda" else device.type)[device.index or 0]
     except RuntimeError as error:
         raise UserError(
             f"physics.device is {device}, but JAX finds no such device ({error}): "

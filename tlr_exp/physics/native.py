@@ -2,7 +2,7 @@
 
 import copy
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import mujoco
@@ -20,6 +20,7 @@ from tlr_exp.physics.state import (
     check_reset,
     check_saved_state,
 )
+from tlr_exp.physics.variations import VARIATIONS, Variations
 from tlr_exp.robot.model import Robot
 from tlr_exp.robot.spec import SIDES
 from tlr_exp.robot.timing import CONTROL_DT_S, DECIMATION
@@ -40,6 +41,8 @@ class NativePhysics:
     Raises:
         SettingError: ``num_envs`` below 1 or ``num_threads`` below 0.
     """
+
+    disturbances = ("push_m_s", *VARIATIONS)
 
     def __init__(
         self,
@@ -70,6 +73,7 @@ class NativePhysics:
         foot_address = model.sensor(f"{robot.spec.foot_names[0]}_contact").adr[0]
         self._sensed_force = self._batch.bind("sensordata")[:, foot_address : foot_address + 6]
         self._bodies = _BodyReader(self._batch, robot)
+        self._variations = Variations(self._batch, robot)
         self._unused = self._batch.state[0].copy()  # the whole state of a new simulation
         self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
         # The current instant, by the fields of PhysicsState. Handed out without a copy, so that
@@ -121,6 +125,17 @@ class NativePhysics:
         self._now = {name: array.copy() for name, array in self._now.items()}
         for name, array in self._now.items():
             array[ids] = fresh.get(name, 0.0)  # torque and contact force: no step was taken
+
+    def push(self, env_ids: Tensor, velocity: Tensor) -> None:
+        """Change the velocity of some robots; see ``Physics.push``."""
+        self._qvel[env_ids.cpu().numpy(), :3] += velocity.cpu().numpy()
+
+    def vary(self, env_ids: Tensor, values: Mapping[str, Tensor]) -> None:
+        """Let some robots differ from their model; see ``Physics.vary``."""
+        ids = env_ids.cpu().numpy()
+        order = ids.argsort()
+        rows = {name: value.cpu().double().numpy()[order] for name, value in values.items()}
+        self._variations.write(ids[order], rows)
 
     def state(self) -> PhysicsState:
         """The current instant; see ``Physics.state``."""

@@ -1,5 +1,6 @@
 """What every physics engine offers to the environment."""
 
+from collections.abc import Mapping
 from typing import Protocol
 
 import torch
@@ -18,6 +19,7 @@ class Physics(Protocol):
     num_envs: int
     control_dt: float  # s
     device: torch.device  # where states are returned
+    disturbances: tuple[str, ...]  # what it can do of ``push_m_s`` and of the names in ``vary``
 
     def step(self, joint_target: Tensor) -> PhysicsState:
         """Advance one control step, four physics steps of 0.005 s, towards one set of targets.
@@ -45,6 +47,30 @@ class Physics(Protocol):
         Raises:
             ValueError: wrong shape, unknown or repeated environment, or a value that is not
                 finite.
+        """
+        ...
+
+    def push(self, env_ids: Tensor, velocity: Tensor) -> None:
+        """Change the velocity of some robots at once: the next step begins with it.
+
+        All else stays as it was, and all other robots do. The state shows it after that step.
+
+        Args:
+            env_ids: [n] int64, each at most once.
+            velocity: [n, 3], added to that of the pelvis, m/s in the world frame.
+        """
+        ...
+
+    def vary(self, env_ids: Tensor, values: Mapping[str, Tensor]) -> None:
+        """Let some robots differ from their model; ``set_state`` must follow before they step.
+
+        Args:
+            env_ids: [n] int64, each at most once.
+            values: what differs, by name: ``friction`` [n], the sliding coefficient of all
+                contacts; ``mass`` [n, bodies], factors of the mass and inertia of every MuJoCo
+                body; ``com_m`` [n, 3], by which the torso's centre of mass is moved, m in its
+                frame; ``kp``, ``kd`` and ``armature`` [n, 23], factors of each joint's. What is not
+                named stays as it is.
         """
         ...
 

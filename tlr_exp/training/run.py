@@ -92,6 +92,10 @@ def check_world(settings: Settings, device: bool = True) -> tuple[Robot, MotionC
         raise ConfigError(str(error)) from error
     places = {"robot": robot, "num_envs": settings.scale.num_envs, "device": settings.device}
     check_component("physics", settings.physics, **places)
+    if any(value is not None for value in vars(settings.env.disturbance).values()):
+        from tlr_exp.assembly.environment import check_disturbance
+
+        check_disturbance(settings)
     if device and settings.device != "cpu":
         from tlr_exp.assembly.learner import check_device
 
