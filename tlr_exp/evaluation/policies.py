@@ -11,6 +11,7 @@ from tlr_exp.assembly.terms import terms_of_evaluation
 from tlr_exp.assembly.world import build_clip, build_robot_of
 from tlr_exp.env.tracking import TrackingEnv
 from tlr_exp.evaluation.choosing import Choice, load_policy
+from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
 from tlr_exp.evaluation.result import EvaluationResult, evaluate_policy
 from tlr_exp.evaluation.trajectory import Trajectory
 
@@ -40,7 +41,9 @@ def evaluate(choice: Choice) -> Evaluation:
     return Evaluation(choice, *evaluate_policy(env, policy, split)[0])
 
 
-def prepare(choice: Choice, starts: int = 1) -> tuple[TrackingEnv, Any]:
+def prepare(
+    choice: Choice, starts: int = 1, condition: Condition = UNDISTURBED
+) -> tuple[TrackingEnv, Any]:
     """The environment to roll out in, with a robot for each start phase, and the policy.
 
     It reports every lower-layer term of the paper, also those that the run's reward has not.
@@ -51,5 +54,9 @@ def prepare(choice: Choice, starts: int = 1) -> tuple[TrackingEnv, Any]:
     robot = build_robot_of(choice.settings.env)
     clip = build_clip(choice.settings.env, robot)
     terms = terms_of_evaluation(choice.settings)
-    env = build_evaluation_env(choice.settings, robot, clip, terms, starts, key="--starts")
+    env = build_evaluation_env(
+        *(choice.settings, robot, clip, terms, starts),
+        key="--starts",
+        disturbed=condition.applied,
+    )
     return env, load_policy(choice)

@@ -18,10 +18,11 @@ def evaluation_folder(choice: Choice) -> Path:
     return choice.run / EVALUATIONS
 
 
-def evaluation_name(choice: Choice, starts: int) -> str:
-    """Name of an evaluation's files, without their endings: 000350-native-4starts."""
+def evaluation_name(choice: Choice, starts: int, disturbance: str = "") -> str:
+    """Name of an evaluation's files, without their endings: 000350-native-4starts-push-0.5."""
     name = f"{choice.iteration:06d}-{choice.physics}"
-    return f"{name}-{starts}starts" if starts > 1 else name
+    name = f"{name}-{starts}starts" if starts > 1 else name
+    return f"{name}-{disturbance}" if disturbance else name
 
 
 def origin_of(choice: Choice) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def rollout(
     All robots step together; the trajectory of each ends where its motion does.
 
     Args:
-        env: a ``TrackingEnv`` that starts at known frames, without noise and without failures.
+        env: a ``TrackingEnv`` that starts at known frames, without failures.
         policy: writes the action into a tensordict that holds the observation.
         num_steps: stop after this many control steps; the whole motion by default.
 

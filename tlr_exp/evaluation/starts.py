@@ -11,6 +11,7 @@ from rich.table import Table
 
 from tlr_exp.assembly.split import build_judged_split
 from tlr_exp.evaluation.choosing import Choice
+from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
 from tlr_exp.evaluation.measures import MEASURES, SHOWN
 from tlr_exp.evaluation.policies import Evaluation, prepare
 from tlr_exp.evaluation.records import origin_of
@@ -30,13 +31,15 @@ class Start:
         return {"start_frame": self.frame, "start_phase": self.phase, **self.result.to_dict()}
 
 
-def evaluate_starts(choice: Choice, starts: int) -> tuple[Evaluation, list[Start]]:
+def evaluate_starts(
+    choice: Choice, starts: int, condition: Condition = UNDISTURBED
+) -> tuple[Evaluation, list[Start]]:
     """Roll a policy out from evenly spaced phases; the evaluation is that from phase 0.
 
     Raises:
         ValueError: as ``evaluate``; the motion has fewer steps than that.
     """
-    env, policy = prepare(choice, starts)
+    env, policy = prepare(choice, starts, condition)
     last = env.reference.num_frames - 1
     measured = evaluate_policy(env, policy, build_judged_split(choice.settings, env.term_names))
     frames = env.start_frame.tolist()

@@ -14,7 +14,10 @@ from tlr_exp.commands.arguments import (
 )
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import choose, is_folder_of_runs
+from tlr_exp.evaluation.conditions import conditions
 from tlr_exp.machine.terminal import EXIT_WRONG, add_version, command, refuse_without_docstrings
+
+DISTURBED_STARTS = 16  # of --disturb where --starts does not say
 
 
 @command("tlr-evaluate", status=EXIT_WRONG)
@@ -25,6 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
     """
     refuse_without_docstrings("tlr-evaluate")
     options = _parser().parse_args(arguments)
+    if options.disturb is not None and options.starts is None:
+        options.starts = DISTURBED_STARTS
     # What takes seconds to import is imported where it is needed: mistakes show before that.
     _check(options)
     return _run(options)
@@ -44,7 +49,8 @@ def _run(given: argparse.Namespace) -> int:
         from tlr_exp.commands.evaluate.studying import study
 
         which = (given.checkpoint, given.physics)
-        return study(given.runs, *which, given.starts, given.jobs, given.output, given.force)
+        how = (given.starts, given.jobs, given.output, given.force)
+        return study(given.runs, *which, *how, conditions(given.disturb or ()))
     choice = choose(given.runs[0], given.checkpoint, given.physics)
     if viewer is not None:
         from tlr_exp.commands.evaluate.watching import watch
@@ -97,6 +103,14 @@ def _add_starts(parser: argparse.ArgumentParser) -> None:
         help="make N roll-outs, from evenly spaced phases of the motion to its end; report each, "
         "and their mean and spread (default: 1, from phase 0). For several runs, or the finished "
         "runs in a folder: numbers only, measured where missing, and a CSV of all roll-outs",
+    )
+    parser.add_argument(
+        "--disturb",
+        nargs="+",
+        metavar="NAME=VALUE,…",
+        help="measure each run undisturbed and under each of these, such as push=0.5 "
+        "delay=20,40 mass=1.1+friction=0.5; a table, a CSV and a figure (default of --starts: "
+        f"{DISTURBED_STARTS}; docs/disturbances.md explains the names)",
     )
     parser.add_argument(
         "--jobs",
@@ -156,7 +170,7 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="folder (default: RUN/eval); with --strip, the PNG (default: strip.png); with "
         "--starts and several runs, the CSV (default: starts-N.csv, in the folder of runs if one "
-        "is given)",
+        "is given), and with --disturb disturbed-N.csv",
     )
     add_force(parser, "existing pictures and numbers")
 
@@ -174,6 +188,7 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("starts", "jobs"):
         if getattr(options, name) is not None and getattr(options, name) < 1:
             raise UserError(f"--{name} is {getattr(options, name)}; it must be at least 1")
+    conditions(options.disturb or ())
     if options.starts is not None and (options.strip or viewer_of(options.view, options.web)):
         raise UserError("--starts is for numbers: leave out --strip, --view and --web")
     if options.jobs is not None and not _measures_several(options):
@@ -185,9 +200,9 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _measures_several(options: argparse.Namespace) -> bool:
-    """Whether numbers of several runs are asked for: --starts, with several or with a folder."""
+    """Whether a CSV is asked for: --starts, with several runs or with a folder; or --disturb."""
     several = len(options.runs) > 1 or is_folder_of_runs(options.runs[0])
-    return options.starts is not None and several
+    return options.starts is not None and (several or options.disturb is not None)
 
 
 def _numbers(kind: type):

@@ -16,6 +16,7 @@ from tlr_exp.evaluation.measures import MEASURES, SHOWN
 
 # Columns by where they come from. After them come the reward terms.
 OF_THE_RUN = ("run", "arm", "seed", "motion", "iteration", "physics")
+DISTURBANCE = "disturbance"  # where there are any, the column after these
 OF_THE_START = ("start_phase", "duration_s", "ended_by", *MEASURES)
 
 
@@ -30,6 +31,7 @@ class MeasuredRun:
     iteration: int
     physics: str
     each: list[dict[str, Any]]
+    disturbance: str = ""  # of an evaluation under disturbance
 
 
 def csv_of(runs: Iterable[MeasuredRun]) -> bytes:
@@ -38,7 +40,10 @@ def csv_of(runs: Iterable[MeasuredRun]) -> bytes:
     Records of earlier versions lack measures: their cells are empty, too.
     """
     rows = [_row(run, start) for run in runs for start in run.each]
-    columns = dict.fromkeys([*OF_THE_RUN, *OF_THE_START, *(name for row in rows for name in row)])
+    of_the_run = (
+        (*OF_THE_RUN, DISTURBANCE) if any(DISTURBANCE in row for row in rows) else OF_THE_RUN
+    )
+    columns = dict.fromkeys([*of_the_run, *OF_THE_START, *(name for row in rows for name in row)])
     text = io.StringIO()
     writer = csv.DictWriter(text, list(columns), restval="", lineterminator="\n")
     writer.writeheader()
@@ -46,22 +51,23 @@ def csv_of(runs: Iterable[MeasuredRun]) -> bytes:
     return text.getvalue().encode()
 
 
-def runs_in(content: bytes) -> set[str]:
-    """The names of the runs in a CSV of ``csv_of``; none in a file of another kind."""
+def runs_in(content: bytes) -> set[tuple[str, str]]:
+    """Runs and disturbances in a CSV of ``csv_of``; none in a file of another kind."""
     reader = csv.DictReader(io.StringIO(content.decode(errors="replace")))
-    return {row["run"] for row in reader if row.get("run")}
+    return {(row["run"], row.get(DISTURBANCE) or "") for row in reader if row.get("run")}
 
 
 def _row(run: MeasuredRun, start: dict[str, Any]) -> dict[str, Any]:
     return {
         **{name: getattr(run, name) for name in OF_THE_RUN},
+        **({DISTURBANCE: run.disturbance} if run.disturbance else {}),
         **{name: start.get(name, "") for name in OF_THE_START},
         **{keys.REWARD_TERM_PREFIX + name: value for name, value in start["terms"].items()},
     }
 
 
 def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
-    """A row for each motion and arm.
+    """A row for each motion, disturbance and arm, disturbances in the order of the runs.
 
     In each cell are mean and sample standard deviation over the runs of a run's mean over its
     roll-outs.
@@ -72,14 +78,22 @@ def arms_table(runs: Sequence[MeasuredRun], starts: int) -> Table:
         padding=0,  # or a terminal of eighty columns would cut the numbers
     )
     headings = [measure.heading for measure in SHOWN.values()]
-    table.add_column("motion, arm", overflow="fold")
+    disturbances = list(dict.fromkeys(run.disturbance for run in runs))
+    what = "motion, arm" if disturbances == [""] else "disturbance,\nmotion, arm"
+    table.add_column(what, overflow="fold")
     for heading in ("runs", f"succeed\nof {starts}", *headings):
         table.add_column(heading, justify="right")
-    for motion, arm in sorted({(run.motion, run.arm) for run in runs}):
-        members = [run for run in runs if (run.motion, run.arm) == (motion, arm)]
+    rows = {(run.motion, disturbances.index(run.disturbance), run.arm) for run in runs}
+    for motion, number, arm in sorted(rows):
+        members = [
+            run
+            for run in runs
+            if (run.motion, run.disturbance, run.arm) == (motion, disturbances[number], arm)
+        ]
         succeeded = [float(sum(s["survival"] == 1.0 for s in run.each)) for run in members]
+        names = "\n".join(filter(None, (disturbances[number], motion, arm)))
         table.add_row(
-            *(f"{motion}\n{arm}", str(len(members)), _spread(succeeded, 1.0, 1)),
+            *(names, str(len(members)), _spread(succeeded, 1.0, 1)),
             *(
                 _spread(_means(members, name), measure.factor, measure.decimals)
                 for name, measure in SHOWN.items()

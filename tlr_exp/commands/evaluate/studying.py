@@ -10,11 +10,15 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
+from tlr_exp.assembly.environment import check_disturbance, undisturbed
 from tlr_exp.commands.evaluate.arms import arms_of, motion_name
 from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_of, runs_in
+from tlr_exp.config.settings import Settings
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs
+from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
 from tlr_exp.evaluation.records import (
     content_of,
     evaluation_folder,
@@ -25,15 +29,16 @@ from tlr_exp.evaluation.records import (
 from tlr_exp.machine.cores import available_cores
 from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.outputs import check_free
-from tlr_exp.records.run_directory import RunDirectory
+from tlr_exp.records.run_directory import EVALUATIONS, RunDirectory
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """A run to be measured, and where its record is or will be."""
+    """A run to be measured under a condition, and where its record is or will be."""
 
     choice: Choice
     record: Path
+    condition: Condition
 
 
 def study(
@@ -44,8 +49,12 @@ def study(
     jobs: int | None,
     output: Path | None,
     force: bool,
+    conditions: Sequence[Condition] = (UNDISTURBED,),
 ) -> int:
     """``tlr-evaluate STUDY_FOLDER --starts N`` and ``tlr-evaluate RUN RUN … --starts N``.
+
+    With several ``conditions`` (``--disturb``) every run is measured under each of them, and a
+    figure is drawn beside the CSV.
 
     Returns:
         The exit status: 1 where a run could not be measured, else 0.
@@ -54,16 +63,18 @@ def study(
         ValueError: there is no finished run, or nothing can be written there.
         FileExistsError: the CSV holds something else, and --force is not given.
     """
-    table = _output(output, runs, starts)
-    wanted, failed = find_wanted(runs, checkpoint, physics, starts)
+    disturbed = len(conditions) > 1
+    table = _output(output, runs, f"{'disturbed' if disturbed else 'starts'}-{starts}.csv")
+    wanted, failed = find_wanted(runs, checkpoint, physics, starts, conditions)
     missing = [each for each in wanted if not each.record.exists()]
-    _check_output(table, missing, force)
-    print(f"{len(wanted)} runs, of which {len(wanted) - len(missing)} are already measured")
+    _check_output(table, missing, disturbed, force)
+    what = "evaluations" if disturbed else "runs"
+    print(f"{len(wanted)} {what}, of which {len(wanted) - len(missing)} are already measured")
     for number, (each, problem) in enumerate(measured(missing, starts, jobs), 1):
         failed += problem is not None
         said = f"wrote {each.record}" if problem is None else _failure(each.choice.run, problem)
         print(f"{number} of {len(missing)}: {said}", flush=True)
-    found, unread = read_all([each for each in wanted if each.record.exists()], starts)
+    found, unread = read_all([each for each in wanted if each.record.exists()], starts, disturbed)
     failed += unread
     if not found:
         return 1
@@ -72,13 +83,19 @@ def study(
 
     Console().print(arms_table(found, starts))
     print(write_whole(table, csv_of(found), force))
+    if disturbed:
+        _draw(table.with_suffix(".png"), found, starts)
     return 1 if failed else 0
 
 
 def find_wanted(
-    runs: Sequence[Path], checkpoint: str | None, physics: str | None, starts: int
+    runs: Sequence[Path],
+    checkpoint: str | None,
+    physics: str | None,
+    starts: int,
+    conditions: Sequence[Condition],
 ) -> tuple[list[Wanted], int]:
-    """The runs that are meant, by path, each once; and how many of them cannot be evaluated.
+    """The runs that are meant, each once under each condition; how many cannot be evaluated.
 
     Raises:
         ValueError: there is none at all.
@@ -89,17 +106,26 @@ def find_wanted(
     for path in paths:
         try:
             choice = choose(path, checkpoint, physics)
+            for condition in conditions:
+                if condition.changes:
+                    check_disturbance(_disturbed(choice, condition))
         except (ValueError, OSError) as error:
             print(_failure(path, error), file=sys.stderr)
             failed += 1
             continue
-        name = evaluation_name(choice, starts)
-        record = evaluation_folder(choice) / f"{name}.json"
-        wanted[record] = Wanted(choice, record)
+        for condition in conditions:
+            name = evaluation_name(choice, starts, condition.file_part)
+            record = evaluation_folder(choice) / f"{name}.json"
+            wanted[record] = Wanted(choice, record, condition)
     if not paths:
         folders = ", ".join(map(str, runs))
         raise UserError(f"there is no finished run in {folders}")
     return list(wanted.values()), failed
+
+
+def _disturbed(choice: Choice, condition: Condition) -> Settings:
+    env = condition.applied(undisturbed(choice.settings.env))
+    return dataclasses.replace(choice.settings, env=env)
 
 
 def _paths_of(given: Path) -> Iterator[Path]:
@@ -168,40 +194,71 @@ def measure_run(wanted: Wanted, starts: int) -> None:
     choice = dataclasses.replace(
         wanted.choice, settings=dataclasses.replace(settings, physics=physics)
     )
-    record = record_of(*evaluate_starts(choice, starts))
+    record = record_of(*evaluate_starts(choice, starts, wanted.condition))
+    if wanted.condition.changes:
+        record["disturbance"] = wanted.condition.label
     wanted.record.parent.mkdir(parents=True, exist_ok=True)
     write_whole(wanted.record, content_of(record), force=False)
 
 
-def read_all(wanted: Sequence[Wanted], starts: int) -> tuple[list[MeasuredRun], int]:
-    """The roll-outs in the records, and how many records cannot be read (which are named)."""
+def read_all(
+    wanted: Sequence[Wanted], starts: int, disturbed: bool
+) -> tuple[list[MeasuredRun], int]:
+    """The roll-outs in the records, and how many records cannot be read (which are named).
+
+    Where they are ``disturbed``, each is told by its condition.
+    """
     each, failed = [], 0
     for one in wanted:
         try:
-            each.append((one.choice, read_starts(one.record, starts)))
+            each.append((one, read_starts(one.record, starts)))
         except (ValueError, OSError) as error:
             print(_failure(one.choice.run, error), file=sys.stderr)
             failed += 1
-    arms = arms_of([RunDirectory.open(choice.run) for choice, _ in each])
+    arms = arms_of([RunDirectory.open(one.choice.run) for one, _ in each])
     runs = [
         MeasuredRun(
-            run=choice.run.name,
+            run=one.choice.run.name,
             arm=arm,
-            seed=choice.settings.seed,
-            motion=motion_name(choice.motion),
-            iteration=choice.iteration,
-            physics=choice.physics,
+            seed=one.choice.settings.seed,
+            motion=motion_name(one.choice.motion),
+            iteration=one.choice.iteration,
+            physics=one.choice.physics,
             each=starts_of,
+            disturbance=one.condition.label if disturbed else "",
         )
-        for arm, (choice, starts_of) in zip(arms, each, strict=True)
+        for arm, (one, starts_of) in zip(arms, each, strict=True)
     ]
     return sorted(runs, key=lambda run: (run.motion, run.arm, run.seed, run.run)), failed
 
 
-def _output(output: Path | None, runs: Sequence[Path], starts: int) -> Path:
-    """Where the CSV goes: into the folder of the runs, or for several arguments beside them."""
-    only = runs[0] if len(runs) == 1 else Path()
-    path = output or only / f"starts-{starts}.csv"
+def _draw(path: Path, runs: Sequence[MeasuredRun], starts: int) -> None:
+    from tlr_exp.pictures.disturbance_plot import DisturbedRun, disturbance_figure
+    from tlr_exp.pictures.media import write_figure
+
+    measured_runs = [
+        DisturbedRun(
+            *(run.motion, run.disturbance, run.arm),
+            success=fmean(start["survival"] == 1.0 for start in run.each),
+            upper_body_error_m=fmean(start["upper_body_error_m"] for start in run.each),
+            lower_body_error_m=fmean(start["lower_body_error_m"] for start in run.each),
+        )
+        for run in runs
+    ]
+    title = f"{starts} roll-outs a run under each disturbance"
+    print(f"wrote {write_figure(path, disturbance_figure(measured_runs, title))}")
+
+
+def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
+    """Where the CSV goes: into the folder of the runs, or for several arguments beside them.
+
+    Of a single run it goes to the run's evaluations.
+    """
+    only = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    if only != Path() and not is_folder_of_runs(only):
+        only = only / EVALUATIONS
+        only.mkdir(exist_ok=True)
+    path = output or only / name
     if path.suffix.lower() != ".csv":
         raise UserError(f"several runs go into one CSV: -o {path} should end in .csv")
     if not path.absolute().parent.is_dir():
@@ -209,11 +266,11 @@ def _output(output: Path | None, runs: Sequence[Path], starts: int) -> Path:
     return path
 
 
-def _check_output(path: Path, missing: Sequence[Wanted], force: bool) -> None:
+def _check_output(path: Path, missing: Sequence[Wanted], disturbed: bool, force: bool) -> None:
     """Refuse at once a file that is certain to come out otherwise, as it lacks a run."""
-    if path.is_file() and any(
-        each.choice.run.name not in runs_in(path.read_bytes()) for each in missing
-    ):
+    there = runs_in(path.read_bytes()) if path.is_file() else set()
+    new = {(one.choice.run.name, one.condition.label if disturbed else "") for one in missing}
+    if path.is_file() and not new <= there:
         check_free([path], force)
 
 

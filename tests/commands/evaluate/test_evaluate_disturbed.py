@@ -1,0 +1,96 @@
+"""tlr-evaluate --disturb: what is measured, written and resumed; arms side by side."""
+
+import csv
+import io
+import json
+import shutil
+
+import pytest
+
+from tlr_exp.commands import evaluate
+from tlr_exp.records.directory import FINISHED
+from tlr_exp.records.run_directory import RunDirectory
+
+GRID = ["--disturb", "delay=40", "mass=1.5+friction=0.2", "--starts", "2", "--jobs", "1"]
+LABELS = ["none", "delay=40ms", "mass=1.5+friction=0.2"]
+
+
+@pytest.fixture
+def study_folder(untrained_run, tmp_path):
+    """Two finished runs of two arms."""
+    for name, method in (("a", "fixed"), ("b", "gwo")):
+        shutil.copytree(untrained_run, tmp_path / "study" / name)
+        RunDirectory.open(tmp_path / "study" / name).set_status(FINISHED, tags={"method": method})
+    return tmp_path / "study"
+
+
+def rows_of(path):
+    return list(csv.DictReader(io.StringIO(path.read_text())))
+
+
+def test_every_run_is_measured_under_every_disturbance_and_once(study_folder, capfd):
+    command = [str(study_folder), *GRID]
+    assert evaluate.main(command) == 0
+    said = capfd.readouterr().out
+    assert "6 evaluations, of which 0 are already measured" in said
+    rows = rows_of(study_folder / "disturbed-2.csv")
+    assert [(row["run"], row["disturbance"]) for row in rows] == [
+        (run, label) for run in "ab" for label in LABELS for _ in range(2)
+    ]
+    assert (study_folder / "disturbed-2.png").stat().st_size > 10_000
+    # The same policy, seed and disturbances: the same bits. And each disturbance changes something.
+    errors = {
+        (row["run"], row["disturbance"]): row["lower_body_error_m"]
+        for row in rows
+        if float(row["start_phase"]) == 0.0
+    }
+    for label in LABELS:
+        assert errors["a", label] == errors["b", label]
+    assert len({errors["a", label] for label in LABELS}) == 3
+
+    # Again, one record gone: it alone is measured, and comes out the same.
+    record = study_folder / "a" / "eval" / "000005-native-2starts-delay-40ms.json"
+    before = record.read_bytes()
+    assert json.loads(before)["disturbance"] == "delay=40ms"
+    record.unlink()
+    assert evaluate.main(command) == 0
+    said = capfd.readouterr().out
+    assert "6 evaluations, of which 5 are already measured" in said
+    assert "disturbed-2.csv holds the same already" in said
+    assert record.read_bytes() == before
+
+    # Another grid is another table, which is not written over this one.
+    assert evaluate.main([str(study_folder), "--disturb", "kp=0.5", *GRID[3:]]) == 2
+    assert "disturbed-2.csv exists; --force replaces it" in capfd.readouterr().err
+
+
+def test_of_one_run_the_table_is_among_its_evaluations(study_folder, capfd):
+    run = study_folder / "b"
+    assert evaluate.main([str(run), "--disturb", "noise=asap", "--starts", "2"]) == 0
+    rows = rows_of(run / "eval" / "disturbed-2.csv")
+    assert [row["disturbance"] for row in rows] == ["none", "none", "noise=asap", "noise=asap"]
+    assert "noise=asap" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--disturb", "pusch=1"], "'pusch=1' is no disturbance; allowed"),
+        (["--disturb", "push=1", "--strip"], "leave out --strip"),
+        (["--disturb", "push=1", "--video"], "no --video"),
+        (["--disturb", "push=1", "--starts", "0"], "--starts is 0"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_measured(
+    study_folder, capsys, arguments, words
+):
+    assert evaluate.main([str(study_folder / "a"), *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert not (study_folder / "a" / "eval").exists()
+
+
+def test_an_engine_that_cannot_is_named_before_anything_is_measured(study_folder, capsys):
+    command = [str(study_folder / "a"), "--physics", "mjx", "--disturb", "friction=0.5"]
+    assert evaluate.main(command) == 1
+    said = capsys.readouterr().err
+    assert "MjxPhysics cannot do env.disturbance.friction; physics=native can" in said
