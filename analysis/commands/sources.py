@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from analysis.data.check import checked, rechecked, several_motions
+from analysis.data.disturbed import disturbed_runs, read_disturbed
 from analysis.data.motions import checked_by_motion, with_the_same_arms
 from analysis.data.publishable import publishable
 from analysis.data.run_directories import arms_of_sweep, from_run_directories
@@ -98,6 +99,9 @@ class _Found:
         """A study of these runs, with the notes of earlier exports, which hold still; roll-outs."""
         notes = [note for each in self.exported for note in each.notes]
         study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
+        beside = dict.fromkeys(filter(None, (starts_beside(f, "disturbed") for f in self.folders)))
+        tables = [read_disturbed(path) for path in beside]
+        study = replace(study, disturbed=disturbed_runs(tables, list(study.runs.index)))
         return _with_starts(study, _roll_outs(self.exported, self.folders, starts))
 
 

@@ -21,7 +21,6 @@ PHASE, ITERATION = "start_phase", "iteration"
 # Columns that say which roll-out it is, not how it went.
 NOT_MEASURED = (PHASE, ITERATION, "duration_s", "start_frame")
 STARTS = "starts.csv"  # in an exported study
-_BESIDE_RUNS = re.compile(r"starts-(\d+)\.csv")
 
 
 def read_starts(path: Path) -> pd.DataFrame:
@@ -99,9 +98,10 @@ def measures_in(starts: pd.DataFrame) -> list[str]:
     return [str(name) for name in starts.columns if name not in (RUN, *NOT_MEASURED)]
 
 
-def starts_beside(folder: Path) -> Path | None:
+def starts_beside(folder: Path, kind: str = "starts") -> Path | None:
     """The CSV that lies beside the runs of ``folder``: of several, the one of the most starts.
 
+    ``kind`` is what its name begins with, ``disturbed`` for an evaluation under disturbances.
     Looked at are the folder itself, the folder of a run, and the study of a sweep
     (runs/STUDY/sweeps/NAME-ID).
     """
@@ -112,8 +112,8 @@ def starts_beside(folder: Path) -> Path | None:
     for place in places:
         found = {
             int(name.group(1)): path
-            for path in sorted(place.glob("starts-*.csv"))
-            if (name := _BESIDE_RUNS.fullmatch(path.name))
+            for path in sorted(place.glob(f"{kind}-*.csv"))
+            if (name := re.fullmatch(rf"{kind}-(\d+)\.csv", path.name))
         }
         if found:
             return found[max(found)]

@@ -69,6 +69,7 @@ class Study:
     notes: what a reader must know of the choice of runs, one sentence each.
     starts: roll-outs without exploration noise (`starts.py`): one row per run and start phase,
         run, start_phase and a float column per measure; without rows where none are known.
+    disturbed: the same under disturbances (`disturbed.py`), with the column disturbance.
 
     Raises:
         StudyError: names everything that is wrong.
@@ -79,6 +80,7 @@ class Study:
     baseline: str = ""
     notes: tuple[str, ...] = ()
     starts: pd.DataFrame = field(default_factory=pd.DataFrame)
+    disturbed: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def __post_init__(self) -> None:
         from analysis.data.starts import starts_problems  # which needs the errors of this module

@@ -22,6 +22,7 @@ from analysis.figures.false_positives import figure_false_positives
 from analysis.figures.style import render, styled
 from analysis.report import answer, sections
 from analysis.report.answer import CARRIERS
+from analysis.report.disturbance import disturbance_section
 from analysis.report.evidence import Evidence
 from analysis.report.judging.claims import Judged, findings
 from analysis.report.latex import latex_table
@@ -91,6 +92,7 @@ def gather(
         sections=(
             *sections.claims_section(judged),
             *sections.tracking_section(study, found),
+            *disturbance_section(study),
             sections.lower_layer_section(study, found),
             sections.seeds_section(study, found),
             *sections.sweep_section(study),
