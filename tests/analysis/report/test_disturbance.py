@@ -39,7 +39,7 @@ def test_a_study_finds_the_evaluation_beside_its_runs_and_shows_the_arms(study, 
     write_run_directories(study, tmp_path)
     names = list(study.runs.index)
     write(tmp_path / "disturbed-2.csv", rows_of(names))
-    loaded = load_study(tmp_path)
+    loaded = load_study([tmp_path])
     (section,) = disturbance_section(loaded)
     success, upper, lower = section.tables
     assert success.header == ("disturbance", "static", "two-layered (GWO)")
