@@ -20,6 +20,7 @@ from tlr_exp import keys
 from tlr_exp.config.settings import PpoSettings
 from tlr_exp.errors import UserError
 from tlr_exp.ppo.networks import GaussianHead, in_float32, update_norms
+from tlr_exp.ppo.policy_gradients import BatchGradients, advantages_apart
 
 # States that the critic values at a time: for 4096 x 24 at once its activations take a gigabyte.
 VALUE_ROWS = 12288
@@ -127,6 +128,17 @@ class Ppo:
         with in_float32(self.critic):
             values = [self.critic(part)["state_value"] for part in rows.split(VALUE_ROWS)]
         return torch.cat(values).reshape(*states.batch_size, 1)
+
+    @torch.no_grad()
+    def policy_gradients(self, batch: TensorDictBase, rewards: Tensor) -> BatchGradients:
+        """Gradients of the policy that collected ``batch`` [num_envs, num_steps], by reward.
+
+        ``rewards`` are [num_envs, num_steps, num_rewards], the goal's first.
+        """
+        gamma, gae_lambda = self.settings.gamma, self.settings.gae_lambda
+        advantages = advantages_apart(rewards, batch["next", keys.DONE], gamma, gae_lambda)
+        samples = batch.select(keys.OBSERVATION, keys.ACTION, "action_log_prob")
+        return BatchGradients(self.actor, samples, advantages)
 
     def update(self, batch: TensorDictBase, progress: float = 0.0) -> PpoDiagnostics:
         """Improve actor and critic on ``batch`` [num_envs, num_steps]; then renew the norms.
