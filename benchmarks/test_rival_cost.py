@@ -1,6 +1,6 @@
 """What each way of weighing the lower layer costs an iteration, as a ratio to the static reward's.
 
-At the paper's size (4096 trajectories of 24 steps, its networks and recipe), on one thread. Run with
+At the paper's size (4096 trajectories of 24 steps, its networks and recipe), on one thread:
 
     pytest benchmarks/test_rival_cost.py
 

@@ -76,7 +76,7 @@ def test_a_projected_sum_never_opposes_the_goal(seed):
     weights = asked(make("pcgrad", num_terms=6), gradients).weights
     combined, surgery = goal + weights @ terms, goal + projected.sum(dim=0)
     torch.testing.assert_close(combined / combined.norm(), surgery / surgery.norm())
-    assert ((0.0 < weights) & (weights <= 1.0)).all()
+    assert ((weights > 0.0) & (weights <= 1.0)).all()
 
 
 # --- meta-gradient ---------------------------------------------------------------------------

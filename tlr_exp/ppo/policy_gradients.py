@@ -107,9 +107,7 @@ class BatchGradients:
         parameters = self._parameters_after(step)
         samples, advantages = self.samples.reshape(-1), advantages.flatten(0, 1)
         total = torch.zeros((), device=advantages.device)
-        for part, part_advantages in zip(
-            samples.split(ROWS), advantages.split(ROWS), strict=True
-        ):
+        for part, part_advantages in zip(samples.split(ROWS), advantages.split(ROWS), strict=True):
             with torch.enable_grad():
                 ratio = (self._log_prob(part, parameters) - part["action_log_prob"]).exp()
             rows = [

@@ -83,9 +83,7 @@ class Trainer:
         learned = self._metrics(batch, mean_terms, found, box_share, diagnostics)
         return {**learned, **_errors_at_equal_ages(batch, ages)}
 
-    def _progress(
-        self, batch: TensorDictBase, mean_terms: Mapping[str, float]
-    ) -> TrainingProgress:
+    def _progress(self, batch: TensorDictBase, mean_terms: Mapping[str, float]) -> TrainingProgress:
         """The facts about the training that a weight optimizer may use, apart from the returns."""
 
         def policy_gradients() -> PolicyGradients:
