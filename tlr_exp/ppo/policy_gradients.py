@@ -131,9 +131,9 @@ class BatchGradients:
     def _log_prob(self, samples: TensorDictBase, parameters: dict[str, Tensor]) -> Tensor:
         """Log-probability of the actions of ``samples`` [n], if the policy had ``parameters``."""
         seen = samples.select(keys.OBSERVATION)
-        # The module before the last one gives the distribution's parameters; nothing is drawn.
+        # The first module gives the parameters of the distribution; nothing is drawn from it.
         given = functional_call(self.actor[0], parameters, (seen,))
-        return self.actor[-1].get_dist(given).log_prob(samples[keys.ACTION])
+        return self.actor.build_dist_from_params(given).log_prob(samples[keys.ACTION])
 
 
 def _in_one_row(tensors: tuple[Tensor, ...]) -> Tensor:
