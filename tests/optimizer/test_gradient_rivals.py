@@ -100,7 +100,7 @@ class Quadratic:
 
 def test_the_meta_gradient_is_that_of_finite_differences():
     learning, judging = Quadratic(0), Quadratic(1)
-    meta = make("meta_gradient", num_terms=2, step_size=0.7)
+    meta = make("meta_gradient", num_terms=2, step_size=0.7, max_grad_norm=100.0)
     meta.last_weights = torch.tensor([0.25, 0.5])
 
     def gained(weights):
@@ -120,13 +120,33 @@ def test_the_meta_gradient_and_its_error_come_from_both_halves():
     # half: 0.5 * (1, 0) . (0, 2) = 0; on the second: 0.5 * (4, 1) . (1, 1) = 2.5.
     first, second = stated([1.0, 1.0], [1.0, 0.0]), stated([0.0, 2.0], [4.0, 1.0])
     gradients = Stated(torch.ones(2), torch.ones(1, 2), parts=(first, second))
-    update = asked(make("meta_gradient", num_terms=1, step_size=0.5, rate=0.1), gradients)
+    meta = make("meta_gradient", num_terms=1, step_size=0.5, max_grad_norm=9.0, rate=0.1)
+    update = asked(meta, gradients)
     assert update.details == {
         "meta_gradient/cost0": 1.25,
         "meta_gradient_error/cost0": 1.25,
         "meta_gradient_noise": 1.0,
     }
     assert update.weights.tolist() == [1.0]  # it would rise by 0.1, out of the box
+
+
+def test_a_step_by_a_steep_gradient_is_shortened():
+    # g + w g_1 = (6, 8), of length 10: a step of 0.5 * (0.6, 0.8) instead of 0.5 * (6, 8). With
+    # curvature the goal's gradient there is (3, 4) - 10 * (0.3, 0.4) = (0, 0), without it (3, 4).
+    steep = stated([3.0, 4.0], [3.0, 4.0])
+    meta = make("meta_gradient", num_terms=1, step_size=0.5, max_grad_norm=1.0)
+    curved = Stated(steep.goal, steep.terms, curvature=10.0)
+    assert meta.derivative(steep, curved).tolist() == pytest.approx([0.0], abs=1e-5)
+    # 0.5 / 10 * (3, 4) . (3, 4)
+    assert meta.derivative(steep, steep).tolist() == pytest.approx([1.25])
+
+
+def test_what_is_no_number_leaves_nothing_behind():
+    meta = make("meta_gradient", num_terms=2, rate=0.1)
+    good = stated([1.0, 0.0], [-3.0, 0.0], [0.0, 1.0])
+    broken = Stated(good.goal * torch.nan, good.terms)
+    assert asked(meta, broken).weights.tolist() == [1.0, 1.0]
+    assert asked(meta, good).weights[0] < 1.0
 
 
 def test_a_first_step_is_as_long_as_the_rate_and_downwards_for_a_term_that_harms():
@@ -208,6 +228,7 @@ def test_a_rival_is_no_search_for_effective_dimensions(rival):
         ("gradnorm", {"ratio": 0.0}, r"ratio is 0\.0; allowed: above 0"),
         ("gradnorm", {"rate": 1.5}, r"rate is 1\.5; allowed: from 0 to 1"),
         ("meta_gradient", {"step_size": -1.0}, r"step_size is -1\.0; allowed: above 0"),
+        ("meta_gradient", {"max_grad_norm": 0.0}, r"max_grad_norm is 0\.0; allowed: above 0"),
         ("meta_gradient", {"rate": 0.0}, r"rate is 0\.0; allowed: above 0"),
         ("meta_gradient", {"square_decay": 1.0}, r"square_decay is 1\.0; .* below 1"),
     ],

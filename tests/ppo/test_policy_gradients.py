@@ -5,7 +5,7 @@ import math
 
 import pytest
 import torch
-from learners import collected, parameters_of, same
+from learners import collected, first_observation_as_value, parameters_of, same
 from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
@@ -13,49 +13,86 @@ from tlr_exp import keys
 from tlr_exp.errors import UserError
 from tlr_exp.ppo import policy_gradients
 from tlr_exp.ppo.learner import Ppo
-from tlr_exp.ppo.policy_gradients import BatchGradients, advantages_apart
+from tlr_exp.ppo.policy_gradients import BatchGradients, advantages_apart, linear_values
 
 STEP_SIZE = 0.5
 
 
+def test_values_by_hand():
+    # From the state (1, 0) to (0, 1), where the episode ends by failure; gamma = 0.5.
+    # Rewards 1, then 2: 2 in the second state, 1 + 0.5 * 2 = 2 in the first. Rewards 0, then 4:
+    # 4 and 2. Where it is only cut off, the state that follows, (0, 1) again, is worth 2 V:
+    # V = 2 + 0.5 V = 4 in the second state, 1 + 0.5 * 4 = 3 in the first; 8 and 4.
+    features = torch.eye(2)[None]
+    rewards = torch.tensor([[[1.0, 0.0], [2.0, 4.0]]])
+    after = torch.tensor([[[0.0, 1.0], [0.0, 1.0]]])
+    failed = torch.tensor([[[False], [True]]])
+    near = {"rtol": 0.01, "atol": 0.0}  # the ridge
+    values, values_after = linear_values(features, after, rewards, failed, gamma=0.5)
+    torch.testing.assert_close(values, torch.tensor([[[2.0, 2.0], [2.0, 4.0]]]), **near)
+    torch.testing.assert_close(values_after[0, 0], values[0, 1])
+    values, _ = linear_values(features, after, rewards, torch.zeros_like(failed), gamma=0.5)
+    torch.testing.assert_close(values, torch.tensor([[[3.0, 4.0], [4.0, 8.0]]]), **near)
+
+
 def test_advantages_by_hand():
-    # gamma lambda = 0.5; an episode of the first environment ends with its second step.
+    # gamma lambda = 0.5, values 0; an episode of the first environment ends with its second step.
     # The first reward is 1, 2, 4 there and 0 in the second environment. With the cut the sums are
-    # 1 + 0.5 * 2 = 2, 2, 4; less the mean over the environments: 1, 1, 2 and -1, -1, -2.
-    # The second reward is the same in both, before the cut: sums 4, 8, 0 in both.
-    # The third comes after it: sums 0, 0, 2 where the episode has ended, 0.5, 1, 2 in the other.
+    # 1 + 0.5 * 2 = 2, 2, 4 and 0; their mean is 4/3.
+    # The second comes after it: sums 0, 0, 2 where the episode has ended, 0.5, 1, 2 in the other.
     first = torch.tensor([[1.0, 2.0, 4.0], [0.0, 0.0, 0.0]])
-    second = torch.tensor([[0.0, 8.0, 0.0], [0.0, 8.0, 0.0]])
-    third = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]])
+    second = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]])
     done = torch.zeros(2, 3, 1, dtype=torch.bool)
     done[0, 1] = True
-    rewards = torch.stack((first, second, third), dim=-1)
-    found = advantages_apart(rewards, done, gamma=0.625, gae_lambda=0.8)
-    deviation = math.sqrt(12 / 5)  # of the first: the squares are 2 (1 + 1 + 4)
-    goal = torch.tensor([[1.0, 1.0, 2.0], [-1.0, -1.0, -2.0]])
+    rewards = torch.stack((first, second), dim=-1)
+    nothing = torch.zeros_like(rewards)
+    found = advantages_apart(rewards, (nothing, nothing), done, done, gamma=0.625, gae_lambda=0.8)
+    # Squares of the first, times 9: 4 + 4 + 64 + 3 * 16 = 120.
+    deviation = math.sqrt(120 / 9 / 5)
+    goal = torch.tensor([[2.0, 2.0, 8.0], [-4.0, -4.0, -4.0]]) / 3
     torch.testing.assert_close(found[..., 0], goal / deviation)
-    assert (found[..., 1] == 0.0).all()
-    late = torch.tensor([[-0.25, -0.5, 0.0], [0.25, 0.5, 0.0]])
-    torch.testing.assert_close(found[..., 2], late / deviation)
+    sums = torch.tensor([[0.0, 0.0, 2.0], [0.5, 1.0, 2.0]])
+    torch.testing.assert_close(found[..., 1], (sums - 5.5 / 6) / deviation)
 
 
-def test_a_reward_counts_in_the_learners_advantages_as_it_does_apart(make_ppo):
-    """The learner's at weights w less those at 0, whatever its critic: w . GAE(r_i, 0)."""
+def test_a_value_counts_as_it_does_for_the_learner(make_ppo):
+    """The learner's advantages, from its own critic's values and rewards; see test_learner."""
     ppo = make_ppo()
-    batch, other = collected(ppo), collected(ppo, seed=1)
-    term, goal = other["next", keys.REWARD], batch["next", keys.REWARD].clone()
-    targets = []
-    for weight in (0.0, 0.3):
-        batch["next", keys.REWARD] = goal + weight * term
-        ppo.estimate_advantages(batch)
-        targets.append(batch["value_target"].clone())  # value plus advantage, not normalised
-    done, gamma, decay = batch["next", keys.DONE], ppo.settings.gamma, ppo.settings.gae_lambda
-    apart = advantages_apart(torch.cat((goal, term), dim=-1), done, gamma, decay)
-    difference = (targets[1] - targets[0])[..., 0] / 0.3
-    centred = difference - difference.mean(dim=0)
-    # All are divided by one number.
-    torch.testing.assert_close(apart[..., 1], centred * apart[..., 1].std() / centred.std())
-    assert apart[..., 0].std().item() == pytest.approx(1.0, abs=1e-5)
+    batch = collected(ppo)
+    ppo.estimate_advantages(batch)
+    values = batch["state_value"], ppo._after(batch["state_value"], batch["next"], ppo._values)
+    after, settings = batch["next"], ppo.settings
+    found = advantages_apart(
+        *(after[keys.REWARD], values, after[keys.DONE], after[keys.TERMINATED]),
+        *(settings.gamma, settings.gae_lambda),
+    )
+    torch.testing.assert_close(found, batch["advantage"])
+
+
+def test_the_advantages_of_a_composed_reward_are_composed(make_ppo):
+    ppo = make_ppo()
+    batch, generator = collected(ppo), torch.Generator().manual_seed(5)
+    goal, term = torch.randn(2, *batch.shape, 1, generator=generator)
+    rewards = torch.cat((goal, term, goal + 0.3 * term), dim=-1)
+    found = ppo.policy_gradients(batch, rewards).advantages
+    torch.testing.assert_close(
+        found[..., 2], found[..., 0] + 0.3 * found[..., 1], rtol=1e-3, atol=1e-4
+    )
+
+
+def test_a_linear_critic_foretells_what_the_learners_features_tell(make_ppo):
+    """Where the reward makes the first feature the value, the advantages are nothing but noise."""
+    ppo = make_ppo(critic=first_observation_as_value())
+    batch = collected(ppo, num_envs=256)
+    after = batch["next"]
+    going_on = ~after[keys.DONE][:, :-1].squeeze(-1)
+    after[keys.OBSERVATION][:, :-1][going_on] = batch[keys.OBSERVATION][:, 1:][going_on]
+    now, then = batch[keys.OBSERVATION][..., :1], after[keys.OBSERVATION][..., :1]
+    foreseen = now - ppo.settings.gamma * then * ~after[keys.TERMINATED]
+    noise = torch.randn(foreseen.shape, generator=torch.Generator().manual_seed(6))
+    rewards = torch.cat((noise, foreseen), dim=-1)
+    found = ppo.policy_gradients(batch, rewards).advantages
+    assert found[..., 1].std() < 0.05
 
 
 @pytest.fixture

@@ -20,11 +20,7 @@ TINY = (
 RECORDED = {
     "gradnorm": ("gradient_ratio/ang_vel_xy", "gradient_cosine/ang_vel_xy"),
     "pcgrad": ("gradient_ratio/ang_vel_xy", "gradient_cosine/ang_vel_xy"),
-    "meta_gradient": (
-        "meta_gradient/ang_vel_xy",
-        "meta_gradient_error/ang_vel_xy",
-        "meta_gradient_noise",
-    ),
+    "meta_gradient": ("meta_gradient/ang_vel_xy", "meta_gradient_error/ang_vel_xy"),
 }
 
 

@@ -24,7 +24,8 @@ class MetaGradient(GradientWeights):
 
         theta'(w) = theta + step_size (g + sum_i w_i g_i),
 
-    and the goal's surrogate J there has, by the chain rule, the derivative
+    shortened where it is steep, as the learner does it (by `max_grad_norm`, taken for a constant).
+    The goal's surrogate J there has, by the chain rule, the derivative
 
         dJ(theta'(w)) / dw_i = step_size grad J(theta'(w)) . g_i.
 
@@ -37,6 +38,7 @@ class MetaGradient(GradientWeights):
 
     Attributes:
         step_size: of the policy's step, on advantages whose standard deviation is 1 for the goal.
+        max_grad_norm: longest gradient of that step, above 0; a longer one is scaled to this.
         rate: about how far a weight moves in an iteration in which the sign of m is steady.
         mean_decay, square_decay: Adam's beta 1 and beta 2, above 0 and below 1.
         lower, upper: the box.
@@ -44,6 +46,7 @@ class MetaGradient(GradientWeights):
     """
 
     step_size: float
+    max_grad_norm: float
     rate: float
     mean_decay: float
     square_decay: float
@@ -53,6 +56,7 @@ class MetaGradient(GradientWeights):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_above("step_size", self.step_size, 0.0)
+        check_above("max_grad_norm", self.max_grad_norm, 0.0)
         check_above("rate", self.rate, 0.0)
         check_between("mean_decay", self.mean_decay, 0.0, 1.0)
         check_between("square_decay", self.square_decay, 0.0, 1.0)
@@ -81,12 +85,15 @@ class MetaGradient(GradientWeights):
         The policy takes its step on `learning`; J is of `judging`.
         """
         terms = learning.terms
-        step = self.step_size * (learning.goal + self.last_weights.to(terms) @ terms)
-        gained = judging.goal_after(step)
-        return self.step_size * (terms.double() @ gained.double()).cpu()
+        gradient = learning.goal + self.last_weights.to(terms) @ terms
+        length = self.step_size * min(1.0, self.max_grad_norm / gradient.norm().item())
+        gained = judging.goal_after(length * gradient)
+        return length * (terms.double() @ gained.double()).cpu()
 
     def _adam_step(self, derivative: Tensor) -> Tensor:
         """How far the weights move, upwards along the derivative [num_terms]."""
+        # What is no number says nothing, and must not stay in the means for good.
+        derivative = derivative.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0)
         self.updates = self.updates + 1.0
         self.mean = torch.lerp(derivative, self.mean, self.mean_decay)
         self.square = torch.lerp(derivative.square(), self.square, self.square_decay)

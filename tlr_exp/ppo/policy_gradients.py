@@ -1,13 +1,10 @@
 """The gradient of the policy for every reward apart, for those who choose weights by it.
 
 The critic foretells the composed reward, at the weights of earlier iterations: it cannot say what
-a single term is worth in a state. The advantages here therefore do without it. Generalised
-advantages are linear in rewards and values together, so that the learner's at weights w are
-
-    GAE(r_goal, 0) + sum over terms of w_i GAE(r_i, 0) + GAE(0, V),
-
-whatever the critic V: GAE(r_i, 0) is their derivative by the weight w_i. The last part belongs to
-no term and is left out. What replaces the critic as a baseline is the mean over the batch.
+a single term is worth in a state. But what its last layer sees tells states apart, so that a linear
+function of that serves as a critic for every reward: one small system of equations, solved anew on
+every batch. Values and advantages made so are linear in the rewards: those of the reward at weights
+w are goal + sum over terms of w_i times those of term i.
 """
 
 from functools import cached_property
@@ -24,27 +21,62 @@ from tlr_exp.errors import UserError
 
 # States that the actor sees at a time, as for the critic: activations take memory.
 ROWS = 12288
+RIDGE = 1e-3
 
 
-def advantages_apart(rewards: Tensor, done: Tensor, gamma: float, gae_lambda: float) -> Tensor:
-    """Advantages [num_envs, num_steps, num_rewards] of every reward, without a critic.
+def linear_values(
+    features: Tensor, features_after: Tensor, rewards: Tensor, terminated: Tensor, gamma: float
+) -> tuple[Tensor, Tensor]:
+    """The values of every reward in the states of a batch, and in those that the steps lead to.
 
-    With S_k[e, t] = sum over l >= 0 of (gamma lambda)^l r_k[e, t + l], up to the end of the episode
-    or of the batch, they are S_k[e, t] - mean over e of S_k[e, t]: at each step, what a trajectory
-    has before it beyond what the others have, who have as many steps left. All are divided by one
-    number, so that those of the first reward have the standard deviation 1 over the batch.
+    By least-squares temporal differences (Bradtke and Barto 1996): with features f, and f' after
+    the step, V_k = theta_k . f where
+
+        mean(f (f - gamma f')^T) theta_k = mean(f r_k),
+
+    f' being 0 where an episode has failed. `RIDGE` of the mean square of a feature is added to the
+    diagonal, for features that are 0 or do not differ.
+
+    Args:
+        features, features_after: [num_envs, num_steps, num_features].
+        rewards: [num_envs, num_steps, num_rewards].
+        terminated: whether a step ended an episode by failure [num_envs, num_steps, 1] bool.
+        gamma: discount of a control step.
+    """
+    now = features.flatten(0, 1).double()
+    after = (features_after * ~terminated).flatten(0, 1).double()
+    matrix = now.T @ (now - gamma * after) / len(now)
+    matrix.diagonal().add_(RIDGE * now.square().mean())
+    weights = torch.linalg.solve(matrix, now.T @ rewards.flatten(0, 1).double() / len(now))
+    weights = weights.to(features)
+    return features @ weights, features_after @ weights
+
+
+def advantages_apart(
+    rewards: Tensor,
+    values: tuple[Tensor, Tensor],
+    done: Tensor,
+    terminated: Tensor,
+    gamma: float,
+    gae_lambda: float,
+) -> Tensor:
+    """Generalised advantages of every reward [num_envs, num_steps, num_rewards], less their mean.
+
+    All are divided by one number, so that those of the first reward have the standard deviation 1.
 
     Args:
         rewards: [num_envs, num_steps, num_rewards].
-        done: whether a step ended an episode [num_envs, num_steps, 1] bool.
-        gamma: discount of a control step.
-        gae_lambda: the learner's; a reward that is l steps away counts (gamma lambda)^l in both.
+        values: those of every reward before and after a step, each of the shape of `rewards`.
+        done, terminated: whether a step ended an episode, and whether by failure
+            [num_envs, num_steps, 1] bool.
+        gamma, gae_lambda: those of the learner.
     """
-    no_values, done = torch.zeros_like(rewards), done.expand_as(rewards)
-    sums, _ = generalized_advantage_estimate(
-        gamma, gae_lambda, no_values, no_values, rewards, done=done, terminated=done
+    advantages, _ = generalized_advantage_estimate(
+        *(gamma, gae_lambda, *values, rewards),
+        done=done.expand_as(rewards),
+        terminated=terminated.expand_as(rewards),
     )
-    advantages = sums - sums.mean(dim=0)
+    advantages = advantages - advantages.mean(dim=(0, 1))
     return advantages / (advantages[..., 0].std() + 1e-8)
 
 
