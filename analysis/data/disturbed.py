@@ -53,6 +53,6 @@ def disturbed_runs(tables: Sequence[pd.DataFrame], runs: Sequence[str]) -> pd.Da
     if frame.empty:
         return pd.DataFrame()
     frame = pd.DataFrame(frame[frame[RUN].isin(list(runs))])
-    measured = frame.groupby(DISTURBANCE, sort=False)[RUN].nunique()
-    complete = [name for name, count in measured.items() if count == len(runs)]
-    return pd.DataFrame(frame[frame[DISTURBANCE].isin(complete)]).reset_index(drop=True)
+    measured = pd.Series(frame.groupby(DISTURBANCE, sort=False)[RUN].nunique())
+    complete = measured.index[measured.to_numpy() == len(runs)]
+    return pd.DataFrame(frame[frame[DISTURBANCE].isin(list(complete))]).reset_index(drop=True)

@@ -37,7 +37,7 @@ def _table(study: Study, measure: str) -> Table:
             "arm": study.runs.loc[study.disturbed[RUN], "arm"].to_numpy(),
         }
     )
-    by_run = frame.groupby([DISTURBANCE, "arm", RUN], sort=False)[measure].mean()
+    by_run = pd.Series(frame.groupby([DISTURBANCE, "arm", RUN], sort=False)[measure].mean())
     digits = 2 if measure == SUCCESS else 4
     rows = tuple(
         (str(name), *(_cell(by_run, str(name), arm, digits) for arm in study.arms))
