@@ -3,8 +3,6 @@
 Hydra takes sweepers from the namespace ``hydra_plugins`` alone, and loads all of it at every start.
 """
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Which runs make a study: the arguments that commands share, and the study they ask for."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """From runs as they were found to a study: refuse what cannot be compared, note what differs."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

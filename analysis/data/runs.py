@@ -1,7 +1,5 @@
 """One run as it was found, wherever it was found: what a study is checked and made from."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping

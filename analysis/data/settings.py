@@ -1,7 +1,5 @@
 """Configurations compared: which keys may differ, which do, and what to call the arms."""
 
-from __future__ import annotations
-
 import difflib
 import json
 from collections import Counter

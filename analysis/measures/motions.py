@@ -1,7 +1,5 @@
 """What is compared over several motions: one number per run, motion by motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ last evaluation during training that all runs have. Measures carry the names of 
 starts.csv, and terms of the lower layer are raw means under ``reward_term/NAME``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field

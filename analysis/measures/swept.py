@@ -1,7 +1,5 @@
 """Studies that sweep a number: which configuration key it is, and which arm has which value."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any, TypeGuard

@@ -1,7 +1,5 @@
 """What a report says first: the answer in three sentences, and the longer list behind it."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Sequence

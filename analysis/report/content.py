@@ -1,7 +1,5 @@
 """What a report says, gathered from a study; `pages` lays it out."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """A study as a comparison of two arms: the numbers that claims and tables are made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """What a report on several motions says before the reports on each of them."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict

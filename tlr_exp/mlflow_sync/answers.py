@@ -1,7 +1,5 @@
 """What answers at the address of a tracking server that is none, or that refuses us."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os

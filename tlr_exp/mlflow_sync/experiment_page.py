@@ -4,8 +4,6 @@ The format of a saved view is that of MLflow 3.17's own pages (button "Views"): 
 experiment with a name and the compressed state of the page. Pages that do not know it show no view.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import zlib

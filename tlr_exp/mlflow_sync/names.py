@@ -5,8 +5,6 @@ Those of a sweep's run are in sweep_page.py.
 Pure functions on plain data, within MLflow's limits on characters and lengths.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

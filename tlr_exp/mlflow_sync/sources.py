@@ -1,7 +1,5 @@
 """Which runs and sweeps are brought into MLflow, into which store and experiment."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """Which sweep a run in MLflow belongs to: the tags that make it a child of the sweep's run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from tlr_exp.mlflow_sync.names import PARENT_TAG, SWEEP_TAG

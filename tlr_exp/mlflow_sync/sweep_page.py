@@ -3,8 +3,6 @@
 Pure functions on the records of a sweep and of its jobs.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

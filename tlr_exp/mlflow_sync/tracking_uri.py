@@ -1,7 +1,5 @@
 """Where an MLflow store is: which URIs can be used, and which one where none is given."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from urllib.parse import urlsplit
 

@@ -1,7 +1,5 @@
 """Where a camera must be and look to have a robot, and its reference, in its pictures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

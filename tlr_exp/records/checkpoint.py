@@ -4,8 +4,6 @@ torchrl.checkpoint (0.14) publishes by rename but never calls fsync, and its rot
 named iterations; hence this store.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import logging

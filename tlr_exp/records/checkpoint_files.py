@@ -1,7 +1,5 @@
 """Which checkpoints lie in a folder, and which is best, without importing PyTorch."""
 
-from __future__ import annotations
-
 import json
 import logging
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run was made with: source revision, package versions, machine."""
 
-from __future__ import annotations
-
 import os
 import platform
 import socket

@@ -1,7 +1,5 @@
 """Which run is which: identity of a configuration, names of new runs, finding runs on disk."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json

@@ -1,7 +1,5 @@
 """What a person sees of a sweep: events, one line of progress with ETA, and a table at the end."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What every launcher does for a sweep, whatever it is made of."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """How many jobs a launcher runs at once on how many threads, and whether they outlive the sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

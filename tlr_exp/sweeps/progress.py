@@ -1,7 +1,5 @@
 """How far a sweep is, read from what its jobs have written, and how long it will take."""
 
-from __future__ import annotations
-
 import heapq
 import json
 from collections import Counter

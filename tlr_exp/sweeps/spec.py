@@ -1,7 +1,5 @@
 """What a sweep is to do: its jobs, each kept as a file beside its record, from which it starts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

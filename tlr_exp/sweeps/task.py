@@ -4,8 +4,6 @@ Launchers run many jobs in one process (Hydra's own) or in workers that they use
 Nothing of a job may be left for the next one, so no job trains in them.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """A new run that begins with the policy of a checkpoint (``init_from``)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

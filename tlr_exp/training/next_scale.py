@@ -1,7 +1,5 @@
 """What the next larger scale would bring, and how long it would take on this machine."""
 
-from __future__ import annotations
-
 import shlex
 import statistics
 from collections.abc import Mapping, Sequence

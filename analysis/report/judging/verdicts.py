@@ -5,8 +5,6 @@ unless their curves show that more training would take it back: still moving, at
 the gap within another training as long. Both are asked of these runs, by tests over their seeds.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 import numpy as np

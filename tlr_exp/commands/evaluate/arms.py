@@ -1,7 +1,5 @@
 """Which runs of several belong together: the method, and the settings in which its runs differ."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which element of which job array is which job of the sweep: launcher/slurm.json."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

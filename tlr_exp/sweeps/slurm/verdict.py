@@ -1,7 +1,5 @@
 """What becomes of a job, from what its run, its record and the queue say of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
