@@ -110,11 +110,6 @@ class CheckpointStore:
         """The iterations that have a checkpoint, ascending."""
         return checkpoint_iterations(self.directory)
 
-    def latest(self) -> Path | None:
-        """The newest checkpoint file, None where there is none."""
-        iterations = self.iterations()
-        return self.path_of(iterations[-1]) if iterations else None
-
     def best(self) -> Path | None:
         """The file with the highest score, None where no checkpoint has a score."""
         iteration = best_iteration(self.directory)
