@@ -1,4 +1,4 @@
-"""Which runs make a study: the arguments that commands share, and the study they ask for."""
+"""Arguments that say which runs make a study, shared by commands, and the study they ask for."""
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence

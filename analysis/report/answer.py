@@ -1,4 +1,4 @@
-"""What a report says first: the answer in three sentences, and the longer list behind it."""
+"""Writes what a report says first: the answer in three sentences, the longer list behind it."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a report says, gathered from a study; `pages` lays it out."""
+"""Gathers what a report says from a study; `pages` lays it out."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""What a report on several motions says before the reports on each of them."""
+"""Gathers what a report on several motions says before the reports on each of them."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""How much neighbouring iterations of a curve depend on each other."""
+"""Measures how much neighbouring iterations of a curve depend on each other."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -1,4 +1,4 @@
-"""What the seeds can say about two arms: everything about one metric, in one result.
+"""Compares two arms over their seeds: everything about one metric, in one result.
 
 Arms that share their seeds may be compared seed by seed (``paired``). That helps as far as a seed
 makes the arms alike. Where it does not, the paired tests are still valid, but find less: they have

@@ -1,4 +1,4 @@
-"""How large a difference of two arms is against the spread from seed to seed."""
+"""Measures how large a difference of two arms is against the spread from seed to seed."""
 
 from math import sqrt
 

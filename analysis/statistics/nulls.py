@@ -1,4 +1,4 @@
-"""How often each protocol calls two groups of seeds of one method different: it should be alpha.
+"""Counts how often each protocol calls groups of seeds of one method different: should be alpha.
 
 The iteration-wise protocol (``analysis.statistics.paper``) tests the iterations of seed-averaged
 curves; the seed-wise ones (Welch's t and the exact permutation test) test one number per seed, the

@@ -1,4 +1,4 @@
-"""What a number of seeds can find: power of the t-tests, and the seeds that a difference needs.
+"""Power of the t-tests with so many seeds, and the seeds that a difference needs.
 
 Differences are in standard deviations from seed to seed: d = difference / spread, where the spread
 of independent arms is sqrt((var_baseline + var_treatment) / 2) and that of shared seeds the

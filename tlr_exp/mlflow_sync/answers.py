@@ -1,4 +1,4 @@
-"""What answers at the address of a tracking server that is none, or that refuses us."""
+"""Reads what answers at the address of a tracking server that is none, or that refuses us."""
 
 import http.client
 import json

@@ -1,4 +1,4 @@
-"""How a run's configuration and manifest are called in MLflow: parameters, tags, metric names.
+"""Names a run's configuration and manifest for MLflow: parameters, tags, metrics.
 
 Those of a sweep's run are in sweep_page.py.
 

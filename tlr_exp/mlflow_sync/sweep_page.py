@@ -1,4 +1,4 @@
-"""What MLflow shows of a sweep: name, tags, parameters, and its description in Markdown.
+"""Writes what MLflow shows of a sweep: name, tags, parameters, a description in Markdown.
 
 Pure functions on the records of a sweep and of its jobs.
 """

@@ -1,4 +1,4 @@
-"""Which checkpoints lie in a folder, and which is best, without importing PyTorch."""
+"""Finds the checkpoints in a folder, and the best of them, without importing PyTorch."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""What a run was made with: source revision, package versions, machine."""
+"""Tells what a run is made with: source revision, package versions, machine."""
 
 import os
 import platform

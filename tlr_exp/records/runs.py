@@ -1,4 +1,4 @@
-"""Which run is which: identity of a configuration, names of new runs, finding runs on disk."""
+"""Tells runs apart: identity of a configuration, names of new runs, finding runs on disk."""
 
 import hashlib
 import itertools

@@ -1,4 +1,4 @@
-"""How many jobs a launcher runs at once on how many threads, and whether they outlive the sweep."""
+"""Decides how many jobs a launcher runs at once, on how many threads; whether they outlive it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How far a sweep is, read from what its jobs have written, and how long it will take."""
+"""Reads how far a sweep is from what its jobs have written, and how long it will take."""
 
 import heapq
 import json

@@ -1,4 +1,4 @@
-"""What a person sees while a run trains: a live panel, or plain lines without a terminal."""
+"""Shows a run while it trains: a live panel, or plain lines without a terminal."""
 
 import sys
 import time

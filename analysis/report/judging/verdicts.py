@@ -1,4 +1,4 @@
-"""What can be said of a claim: verdicts from intervals over seeds, and whether it is too early.
+"""Verdicts on claims from intervals over seeds, and whether it is too early for one.
 
 A claim about policies that track is judged where policies track. A verdict on two arms stands
 unless their curves show that more training would take it back: still moving, at rates that close

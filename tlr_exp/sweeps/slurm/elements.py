@@ -1,4 +1,4 @@
-"""Which element of which job array is which job of the sweep: launcher/slurm.json."""
+"""Keeps which element of which job array is which job of the sweep: launcher/slurm.json."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

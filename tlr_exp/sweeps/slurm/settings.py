@@ -1,4 +1,4 @@
-"""What a sweep asks of SLURM for each of its jobs: conf/hydra/launcher/slurm.yaml, checked."""
+"""Checks what a sweep asks of SLURM for each of its jobs: conf/hydra/launcher/slurm.yaml."""
 
 from __future__ import annotations
 
