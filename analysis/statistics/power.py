@@ -7,6 +7,8 @@ Student's test); Welch's test, which does not know that the variances are equal,
 less at five seeds.
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize, stats
@@ -56,15 +58,18 @@ def seeds_for_effect(
     def enough(num_seeds: int) -> bool:
         return power(num_seeds, effect, paired=paired, alpha=alpha) >= target
 
-    if not enough(MOST_SEEDS):
-        return None
-    low, high = 1, MOST_SEEDS  # the answer lies in (low, high]
-    while high - low > 1:
+    low, high = 1, 2
+    while not enough(high):
+        if high == MOST_SEEDS:
+            return None
+        low, high = high, min(2 * high, MOST_SEEDS)
+    while high - low > 1:  # the answer lies in (low, high]
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)
     return high
 
 
+@cache  # of one number of seeds it is asked for every measure of a report
 def detectable_effect(
     num_seeds: int, *, paired: bool = False, target: float = 0.8, alpha: float = 0.05
 ) -> float:
