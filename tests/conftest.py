@@ -43,7 +43,7 @@ hypothesis.settings.register_profile("no_deadline", deadline=None)
 hypothesis.settings.load_profile("no_deadline")
 
 # Where tests train, serve, draw or start commands. Those that take longest come first, so that no
-# core waits for them at the end; `--fast` leaves all of them out.
+# core waits for them at the end; `--fast` leaves all of them out, and what is marked `simulation`.
 LONG = (
     *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
     *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
@@ -57,7 +57,9 @@ PELVIS_HEIGHT_M = 0.78
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--fast", action="store_true", help="leave out what trains, serves or draws")
+    parser.addoption(
+        "--fast", action="store_true", help="leave out what trains, serves, draws or simulates"
+    )
 
 
 def pytest_configure() -> None:
@@ -83,8 +85,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if config.option.fast and rank(collection_path) < len(LONG) else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: rank(item.path))
+    if config.option.fast:
+        config.hook.pytest_deselected(items=[item for item in items if _is_simulation(item)])
+        items[:] = [item for item in items if not _is_simulation(item)]
+
+
+def _is_simulation(item: pytest.Item) -> bool:
+    return item.get_closest_marker("simulation") is not None
 
 
 def rank(path: Path) -> int:

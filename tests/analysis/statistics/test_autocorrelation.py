@@ -28,6 +28,7 @@ def test_autocorrelation_is_the_direct_sum(num_iterations: int) -> None:
     np.testing.assert_allclose(autocorrelation(series), np.array(direct) / direct[0], atol=1e-12)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize("phi", [-0.5, 0.0, 0.5, 0.9])
 def test_time_of_ar1_is_the_closed_form(phi: float) -> None:
     expected = (1 + phi) / (1 - phi)
@@ -35,6 +36,7 @@ def test_time_of_ar1_is_the_closed_form(phi: float) -> None:
     assert np.mean(times) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.simulation
 def test_effective_sample_size_is_what_the_mean_is_worth() -> None:
     # The variance of the mean of curves of variance 1 is 1 / effective sample size.
     curves = ar1_curves((4000, 500), 0.8, 0.0, np.random.default_rng(2))

@@ -37,6 +37,7 @@ def within(rate: float, expected: float, studies: int = STUDIES) -> bool:
     return abs(rate - expected) <= 4 * (expected * (1 - expected) / studies) ** 0.5
 
 
+@pytest.mark.simulation
 def test_iterations_find_what_is_not_there_and_seeds_do_not() -> None:
     result = rates()
     # As measured before, in other simulations: 95 %, of them 88 % below 1e-8; Welch 4.3 %. The
@@ -48,6 +49,7 @@ def test_iterations_find_what_is_not_there_and_seeds_do_not() -> None:
     assert result.num_studies == STUDIES
 
 
+@pytest.mark.simulation
 def test_independent_iterations_of_equal_seeds_are_what_the_test_assumes() -> None:
     # The one case in which the iteration-wise test is right: nothing shared along a curve.
     result = rates(autocorrelation=0.0, between_seed_sd=0.0, num_iterations=200)
@@ -55,6 +57,7 @@ def test_independent_iterations_of_equal_seeds_are_what_the_test_assumes() -> No
     assert within(result.permutation, 12 / 252)
 
 
+@pytest.mark.simulation
 def test_a_level_of_its_own_per_seed_is_enough() -> None:
     # t of the averages is normal with variance 1 + T * between^2 / within^2 = 201: P(|t| > 1.97)
     # = 2 Phi(-1.97 / sqrt(201)) = 0.889.
@@ -62,6 +65,7 @@ def test_a_level_of_its_own_per_seed_is_enough() -> None:
     assert within(result.iteration_t, 0.889)
 
 
+@pytest.mark.simulation
 def test_more_iterations_make_it_worse() -> None:
     short = rates(num_iterations=50, between_seed_sd=0.5, num_studies=500)
     long = rates(num_iterations=1000, between_seed_sd=0.5, num_studies=500)

@@ -128,6 +128,7 @@ def shared(generator: np.random.Generator, num_seeds: int) -> Pair:
     return first + common, second + common
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("draw", "paired"), [(independent, False), (shared, True)])
 @pytest.mark.parametrize("num_seeds", [3, 5])
 def test_t_intervals_cover(draw: Callable, paired: bool, num_seeds: int) -> None:
@@ -141,6 +142,7 @@ def test_t_intervals_cover(draw: Callable, paired: bool, num_seeds: int) -> None
     assert difference == pytest.approx(0.95, abs=tolerance(0.95, studies) + slack)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("draw", "paired"), [(independent, False), (shared, True)])
 def test_fieller_intervals_cover(draw: Callable, paired: bool) -> None:
     generator = np.random.default_rng(6)
@@ -156,6 +158,7 @@ def test_fieller_intervals_cover(draw: Callable, paired: bool) -> None:
     assert rate == pytest.approx(0.95, abs=tolerance(0.95, studies) + slack)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("num_seeds", "expected"), [(5, 0.882), (20, 0.936)])
 def test_bootstrap_covers_from_twenty_seeds_on(
     num_seeds: int, expected: float, monkeypatch: pytest.MonkeyPatch
