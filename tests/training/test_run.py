@@ -32,7 +32,7 @@ def break_down(**arguments):
         ),
         (["optimizer=ospo", "optimizer.elites=50"], r"^optimizer.* at least 50"),
         (["optimizer=curriculum", "optimizer.initial=2.0"], r"^optimizer.*initial .* 0 to 1"),
-        (["+optimizer.colour=1"], r"no key optimizer\.colour\. Allowed here: .*pack_size"),
+        (["+optimizer.colour=1"], r"no key optimizer\.colour\. Allowed in optimizer: .*pack_size"),
         (["optimizer.tie_break=last"], r"^optimizer.*tie_break is 'last'; .* first, largest_norm"),
         (["optimizer.pack_size=many"], r"^optimizer.*pack_size .*a whole number"),
         (["optimizer.lower=2.0"], r"^optimizer: lower 2\.0 and upper 1\.0"),

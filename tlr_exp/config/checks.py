@@ -3,6 +3,7 @@
 Nothing of the project but its error is imported, so that every room can use them.
 """
 
+import difflib
 import math
 from collections.abc import Sequence
 from typing import Any, TypeGuard
@@ -70,6 +71,15 @@ def check_between(name: str, value: Any, low: float, high: float) -> None:
 def refusal(name: str, value: Any, allowed: str) -> SettingError:
     """The error to raise for a setting, in the form that all of them have."""
     return SettingError(f"{name} is {value!r}; allowed: {allowed}")
+
+
+def no_such_key(key: str, allowed: Sequence[str]) -> str:
+    """What to say of a dotted key that there is not; ``allowed``: the names in its place."""
+    group, _, name = key.rpartition(".")
+    close = difflib.get_close_matches(name, allowed, n=1)
+    hint = f" Did you mean {close[0]}?" if close else ""
+    place = f"in {group}" if group else "here"
+    return f"there is no key {key}.{hint} Allowed {place}: {', '.join(allowed) or 'none'}"
 
 
 def is_number(value: Any) -> TypeGuard[float]:
