@@ -47,7 +47,8 @@ hypothesis.settings.load_profile("no_deadline")
 LONG = (
     *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
     *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
-    *("analysis/data/test_load.py", "ppo/test_learning.py", "machine/test_terminal.py"),
+    *("analysis/data/test_load.py", "analysis/test_several_motions.py", "ppo/test_learning.py"),
+    *("machine/test_terminal.py", "sweeps/test_plan.py"),
     *("evaluation", "viewing", "physics", "cluster"),
 )
 
