@@ -122,7 +122,7 @@ def test_a_training_goes_on_with_what_its_check_has_built(settings_of, tmp_path)
     [
         ("tlr_exp.commands.train", {"torch", "mujoco", "mlflow"}),
         ("tlr_exp.assembly.world", {"torch", "mlflow"}),
-        ("analysis.report.reward_terms", {"torch", "mujoco"}),
+        ("analysis.report.study_tables", {"torch", "mujoco"}),
     ],
 )
 def test_pytorch_is_not_loaded_before_the_configuration_is_checked(module, heavy):

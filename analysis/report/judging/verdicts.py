@@ -13,6 +13,7 @@ from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.measures.quantities import SUCCESS, quantity
 from analysis.report.cells import NBSP, interval_text, p_text
 from analysis.report.evidence import BODIES, Evidence, prediction_limits
+from analysis.statistics.intervals import difference_interval
 from analysis.statistics.results import Interval
 from analysis.statistics.slope import TailChange, tail_change
 
@@ -159,7 +160,7 @@ def taken_back(evidence: Evidence, metric: str) -> str:
     slopes = [tail_change(values, at).by_seed for values in (first, second)]
     if not all(np.isfinite(each).all() for each in slopes):
         return ""
-    closing = evidence.difference(*slopes)
+    closing = difference_interval(*slopes)
     gap = float(np.log(tail_mean(second, at).mean() / tail_mean(first, at).mean()))
     if not np.isfinite(closing.low) or closing.low <= 0.0 <= closing.high:
         return ""
