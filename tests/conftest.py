@@ -43,12 +43,14 @@ hypothesis.settings.register_profile("no_deadline", deadline=None)
 hypothesis.settings.load_profile("no_deadline")
 
 # Where tests train, serve, draw or start commands. Those that take longest come first, so that no
-# core waits for them at the end; `--fast` leaves all of them out, and what is marked `simulation`.
+# core waits for them at the end; `--fast` leaves all of them out, what is marked `simulation`, and
+# what compares with mealpy, whose searches take seconds.
 LONG = (
     *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
     *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
     *("analysis/data/test_load.py", "analysis/test_several_motions.py", "ppo/test_learning.py"),
-    *("machine/test_terminal.py", "sweeps/test_plan.py"),
+    *("machine/test_terminal.py", "sweeps/test_plan.py", "motion/importers/test_plausible.py"),
+    "motion/importers/test_hostile.py",
     *("evaluation", "viewing", "physics", "cluster"),
 )
 
@@ -89,12 +91,12 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: rank(item.path))
     if config.option.fast:
-        config.hook.pytest_deselected(items=[item for item in items if _is_simulation(item)])
-        items[:] = [item for item in items if not _is_simulation(item)]
+        config.hook.pytest_deselected(items=[item for item in items if _takes_seconds(item)])
+        items[:] = [item for item in items if not _takes_seconds(item)]
 
 
-def _is_simulation(item: pytest.Item) -> bool:
-    return item.get_closest_marker("simulation") is not None
+def _takes_seconds(item: pytest.Item) -> bool:
+    return item.get_closest_marker("simulation") is not None or "mealpy" in item.nodeid
 
 
 def rank(path: Path) -> int:
