@@ -27,7 +27,7 @@ from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fel
 from tlr_exp.env.terms import TERMS
 from tlr_exp.env.transition import JointLimits, Transition
 from tlr_exp.errors import UserError
-from tlr_exp.motion.reference import Reference, ReferenceFrame
+from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot.model import Robot
@@ -133,11 +133,12 @@ class TrackingEnv(EnvBase):
         action = tensordict.get(keys.ACTION)
         before = self.state
         self._resumes = False
-        after = self.physics.step(self._joint_target(action))
-        self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
-        instant = Instant(self.state, self.reference.frame(frame_index), self.spec)
+        reference = self.reference.frame(frame_index)
+        after = self.physics.step(self.joint_targets(action, before.qpos[:, 7:], reference))
+        self.state, unstable = self._unstable.replace(after, before, action)
+        instant = Instant(self.state, reference, self.spec)
         fallen = fell(instant, self.settings.termination.max_tilt)
         terminated = unstable
         if self.failures:
@@ -185,12 +186,6 @@ class TrackingEnv(EnvBase):
             for key in specs.CLEARED_BY_RESET:
                 after.set(key, after.get(key).masked_fill(done, 0))
         return stepped, after
-
-    def _joint_target(self, action: Tensor) -> Tensor:
-        def coming() -> ReferenceFrame:
-            return self.reference.frame(self._frame_index() + 1)
-
-        return self.joint_targets(action, self.state.qpos[:, 7:], coming)
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
