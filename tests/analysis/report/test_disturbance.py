@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import make_study, write_run_directories
+from studies import load_study, make_study, write_run_directories
 
-from analysis.commands.sources import load_study
 from analysis.data.disturbed import disturbed_runs, read_disturbed
 from analysis.data.study import StudyError
 from analysis.report.disturbance import disturbance_section
