@@ -18,6 +18,7 @@ UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
 LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
 FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
+PHASE = "phase"  # [num_envs, 1], of the motion at the reference's instant, from 0 to 1
 UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env/tracking.py)
 
 

@@ -26,6 +26,7 @@ from tlr_exp.errors import UserError
 OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
 START_PHASES = ("random", "adaptive", "zero")
+RANKED = ("segment", "episode", "per_step", "age_matched")
 ACTIVATIONS = ("elu", "relu", "tanh")
 PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")
@@ -97,6 +98,7 @@ LIMITS: Mapping[str, Check] = {
     "env.termination.tighten_above_steps": _at_least(0),
     "env.termination.loosen_below_steps": _at_least(0),
     "reward.penalty_scale": _at_least(0),
+    "reward.ranked": _one_of(RANKED),
     "ppo.num_steps": _at_least(1),
     "ppo.num_epochs": _at_least(1),
     "ppo.num_minibatches": _at_least(1),

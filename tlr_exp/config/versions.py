@@ -10,6 +10,7 @@ from tlr_exp.config.nested import flat, with_value
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
+    "reward.ranked": "segment",
     "precision": "float32",
     "scale.evaluate_starts": 1,
     "recipe": "paper",

@@ -158,6 +158,7 @@ class TrackingEnv(EnvBase):
                 keys.PRIVILEGED: self.privileged,
                 keys.REWARD_TERMS: terms,
                 **tracking_errors(instant),
+                keys.PHASE: self._phase(frame_index),
                 keys.FELL: fallen[:, None],
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
@@ -200,13 +201,16 @@ class TrackingEnv(EnvBase):
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
 
+    def _phase(self, frame_index: Tensor) -> Tensor:
+        """Of the motion, within [0, 1] (Eq. 4 of the paper), [num_envs, 1]."""
+        return (frame_index / (self.reference.num_frames - 1))[:, None]
+
     def _observe(
         self, instant: Instant, action: Tensor, frame_index: Tensor, before: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What actor and critic see; ``before`` is what the actor saw a step ago, if it did."""
         default, kind = self.joint_targets.default_pos, self.settings.observation
-        # Of the motion, within [0, 1] (Eq. 4 of the paper).
-        phase = (frame_index / (self.reference.num_frames - 1))[:, None]
+        phase = self._phase(frame_index)
         seen = observations.actor_observation(kind, instant, action, default, phase, before)
         return seen, observations.privileged_observation(instant)
 

@@ -17,6 +17,7 @@ from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, Weight
 from tlr_exp.ppo.learner import Ppo, PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.split import RewardSplit
+from tlr_exp.reward.trajectories import Steps, Trajectories
 from tlr_exp.training.episodes import EpisodeLengths, ending_shares, mean_at_equal_ages
 
 
@@ -26,6 +27,7 @@ class Trainer:
     Args:
         collect: returns a batch [num_envs, num_steps] of the present policy.
         split: the two layers of the reward.
+        trajectories: what the weight optimizer ranks.
         weight_optimizer: finds the lower layer's weights of each iteration.
         box_sample: tells how much of the weight box is optimal; it decides nothing.
         ppo: the learner.
@@ -36,6 +38,7 @@ class Trainer:
         self,
         collect: Callable[[], TensorDictBase],
         split: RewardSplit,
+        trajectories: Trajectories,
         weight_optimizer: WeightOptimizer,
         box_sample: BoxSample,
         ppo: Ppo,
@@ -43,6 +46,7 @@ class Trainer:
     ) -> None:
         self.collect = collect
         self.split = split
+        self.trajectories = trajectories
         self.weight_optimizer = weight_optimizer
         self.box_sample = box_sample
         self.ppo = ppo
@@ -61,9 +65,11 @@ class Trainer:
         with self._timed("collect"):
             batch = self.collect()
         self.env_steps += batch.numel()
-        ages = self.episodes.add(batch["next", keys.DONE].squeeze(-1))
+        done = batch["next", keys.DONE].squeeze(-1)
+        ages = self.episodes.add(done)
         terms = batch["next", keys.REWARD_TERMS]
-        returns = self.split.returns(terms)
+        steps = Steps(terms, done, ages, batch["next", keys.PHASE].squeeze(-1))
+        returns = self.split.returns(self.trajectories(steps))
         mean_terms = _mean_terms(self.split.term_names, terms)
         with self._timed("weights"):
             self.weight_optimizer.observe(self._progress(mean_terms, num_steps=batch.shape[1]))
@@ -129,6 +135,7 @@ class Trainer:
             "ppo": self.ppo.state_dict(),
             "weight_optimizer": self.weight_optimizer.state_dict(),
             "episodes": self.episodes.state_dict(),
+            "trajectories": self.trajectories.state_dict(),
             "env_steps": self.env_steps,
         }
 
@@ -136,6 +143,8 @@ class Trainer:
         self.ppo.load_state_dict(state["ppo"])
         self.weight_optimizer.load_state_dict(state["weight_optimizer"])
         self.episodes.load_state_dict(state["episodes"])
+        if "trajectories" in state:  # runs of earlier versions ranked segments, which keep nothing
+            self.trajectories.load_state_dict(state["trajectories"])
         self.env_steps = state["env_steps"]
 
 

@@ -1,0 +1,60 @@
+"""Readings and rivals that keep something between iterations: a resumed run has the same bits."""
+
+import shutil
+
+import pytest
+import torch
+from learners import build_training
+
+from tlr_exp.keys import TIME_PREFIX
+from tlr_exp.records.checkpoint import load_checkpoint
+from tlr_exp.records.run_directory import RunDirectory
+
+TINY = (
+    "scale.num_envs=16",
+    "scale.iterations=4",
+    "scale.checkpoint_every=2",
+    "scale.evaluate_every=4",
+    "ppo.num_steps=8",
+    "ppo.hidden_sizes=[16]",
+    "num_threads=1",
+    "physics.num_threads=1",
+)
+CHOICES = [
+    ["reward.ranked=episode"],
+    ["reward.ranked=per_step"],
+    ["reward.ranked=age_matched"],
+]
+
+
+def learned(run: RunDirectory) -> list[dict]:
+    """Its metrics without what the clock says."""
+    ignored = (TIME_PREFIX, "wall_time")
+    return [
+        {key: value for key, value in line.items() if not key.startswith(ignored)}
+        for line in run.metrics()
+    ]
+
+
+def tensors(value: object) -> list[torch.Tensor]:
+    if isinstance(value, dict):
+        return [tensor for part in value.values() for tensor in tensors(part)]
+    return [value] if isinstance(value, torch.Tensor) else []
+
+
+@pytest.mark.parametrize("overrides", CHOICES, ids=" ".join)
+def test_a_resumed_run_ends_with_the_same_bits(tmp_path, settings_of, overrides):
+    settings = settings_of(*TINY, *overrides)
+    run = RunDirectory.create(tmp_path / "run", {"seed": 0}, {})
+    build_training(settings, run).train()
+    shutil.copytree(run.path, tmp_path / "resumed")
+    resumed = RunDirectory.open(tmp_path / "resumed")
+    last = "checkpoints/000004.pt"
+    (resumed.path / last).unlink()
+    training = build_training(settings, resumed)
+    assert training.done == 2
+    training.train()
+    assert len(learned(run)) == 4
+    assert learned(resumed) == learned(run)
+    states = [tensors(load_checkpoint(each.path / last)) for each in (run, resumed)]
+    assert all(torch.equal(a, b) for a, b in zip(*states, strict=True))
