@@ -26,6 +26,18 @@ def limits(**changes: float) -> TerminationSettings:
     return TerminationSettings(**{**values, **changes})
 
 
+def test_a_limit_that_is_held_does_not_move_until_it_is_released():
+    limit = TighteningDistance(limits(), num_envs=1, device=CPU)
+    long, done = torch.tensor([100]), torch.tensor([True])
+    limit.hold(0.9)
+    limit.update(long, done)
+    assert limit.value_m.item() == pytest.approx(0.9)
+    assert limit.mean_length.item() == 100.0  # it is counted meanwhile
+    limit.hold(None)
+    limit.update(long, done)
+    assert limit.value_m.item() == pytest.approx(0.45)  # tightened by half from there
+
+
 # --- single failures -------------------------------------------------------------------------
 
 

@@ -18,7 +18,7 @@ from tlr_exp.reward.objectives import RankDeviation
 
 CHOICES = sorted(path.stem for path in (Path(conf.__path__[0]) / "optimizer").glob("*.yaml"))
 UNSEARCHED = ["curriculum", "fixed", "lagrangian", "random", "zero"]
-AROUND = ["smoothed", "under_curriculum", "when_tracking"]  # tested in files of their own
+AROUND = ["smoothed", "staged", "under_curriculum", "when_tracking"]  # in files of their own
 SEARCHES = [choice for choice in CHOICES if choice not in (*UNSEARCHED, *AROUND)]
 BOXED = [*(choice for choice in SEARCHES if choice != "effective_dimension"), "random"]
 # Beside every choice with its own settings, those that keep more between iterations.

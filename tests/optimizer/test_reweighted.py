@@ -1,4 +1,6 @@
-"""Optimizers that change the weights of another one: averaged, or times a curriculum."""
+"""Optimizers that change the weights of another one: averaged, times a curriculum, by stages."""
+
+from dataclasses import replace
 
 import pytest
 import torch
@@ -78,6 +80,19 @@ def test_around_the_static_reward_it_is_the_curriculum():
 def test_a_part_without_a_scale_is_no_curriculum():
     with pytest.raises(ValueError, match="curriculum makes a FixedWeights, which has no scale"):
         made_with("under_curriculum", "optimizer@optimizer.curriculum=fixed")
+
+
+def told_by_stage(made, stage_weights):
+    made.observe(replace(TOLD, stage_weights=stage_weights))
+    return made.update(GOAL_RETURN, TERM_RETURNS).weights.tolist()
+
+
+def test_a_stage_sets_the_weights_that_it_names_and_no_others():
+    made = made_with("staged", "optimizer@optimizer.inner=curriculum", inner={"rate": 0.0})
+    scale = pytest.approx(0.1)
+    assert told_by_stage(made, {"lin_vel_z": 0.5}) == [scale, 0.5]
+    assert told_by_stage(made, {"ang_vel_xy": 0.0, "lin_vel_z": 1.0, "torques": 0.3}) == [0.0, 1.0]
+    assert told_by_stage(made, {}) == [scale, scale]
 
 
 def test_one_can_stand_around_the_other_and_goes_on_bit_for_bit():

@@ -20,10 +20,18 @@ TINY = (
     "num_threads=1",
     "physics.num_threads=1",
 )
+STAGES = (
+    "[{enter_when:{},weights:{ang_vel_xy:0.0},distance_m:0.9,start_phases:[0.0,0.1]},"
+    "{enter_when:{iteration:1},weights:{ang_vel_xy:0.5},distance_m:null,start_phases:[0.5,1.0]},"
+    "{enter_when:{iteration:3},weights:{},distance_m:0.7,start_phases:null}]"
+)
 CHOICES = [
     ["reward.ranked=episode"],
     ["reward.ranked=per_step"],
     ["reward.ranked=age_matched"],
+    ["optimizer=smoothed"],
+    ["optimizer=under_curriculum", "reward/objective=normalized"],
+    ["curriculum=hierarchical", f"stages={STAGES}"],
 ]
 
 

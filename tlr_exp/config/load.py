@@ -20,6 +20,7 @@ from tlr_exp.config.checks import SettingError, check_above
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
+from tlr_exp.config.stages import stage_problems
 from tlr_exp.env.terms import COSTS, TERMS
 from tlr_exp.errors import UserError
 from tlr_exp.motion.clips import motion_names
@@ -201,6 +202,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
     yield from _limit_problems(settings.optimizer)
+    yield from stage_problems(settings)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"

@@ -89,6 +89,23 @@ class RewardSettings:
 
 
 @dataclass
+class StageSettings:
+    """One stage of a curriculum; ``conf/curriculum/hierarchical.yaml`` explains each value.
+
+    Attributes:
+        enter_when: what each fact of the training must have reached for the stage to be entered.
+        weights: of lower-layer terms, while the stage lasts.
+        distance_m: the distance limit that is held; null: it follows its own rule.
+        start_phases: first and last share of the motion in which episodes start; null: anywhere.
+    """
+
+    enter_when: dict[str, float]
+    weights: dict[str, float]
+    distance_m: float | None
+    start_phases: list[float] | None
+
+
+@dataclass
 class PpoSettings:
     """Proximal policy optimisation; ``conf/ppo/paper.yaml`` explains each value."""
 
@@ -130,13 +147,18 @@ class ScaleSettings:
 
 @dataclass
 class Settings:
-    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``)."""
+    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``).
+
+    ``curriculum`` likewise names the stages (``conf/curriculum``).
+    """
 
     recipe: str
     env: EnvSettings
     physics: dict[str, Any]
     reward: RewardSettings
     optimizer: dict[str, Any]
+    curriculum: str
+    stages: list[StageSettings]
     ppo: PpoSettings
     scale: ScaleSettings
     seed: int

@@ -11,6 +11,8 @@ from tlr_exp.config.nested import flat, with_value
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "reward.ranked": "segment",
+    "curriculum": "none",
+    "stages": [],
     "precision": "float32",
     "scale.evaluate_starts": 1,
     "recipe": "paper",

@@ -34,6 +34,13 @@ class TighteningDistance:
         self.num_envs = num_envs
         self.value_m = torch.tensor(settings.distance_start_m, device=device)
         self.mean_length = torch.tensor(0.0, device=device)
+        self.is_held = False
+
+    def hold(self, value_m: float | None) -> None:
+        """Keep the limit at a value from now on; with None let it follow the rule from there."""
+        self.is_held = value_m is not None
+        if value_m is not None:
+            self.value_m = torch.full_like(self.value_m, value_m)
 
     def update(self, lengths: Tensor, finished: Tensor) -> None:
         """Take in one control step: ``lengths`` [num_envs], ``finished`` [num_envs] bool."""
@@ -41,6 +48,8 @@ class TighteningDistance:
         count = finished.sum()
         mean = (lengths * finished).sum() / count.clamp(min=1)
         self.mean_length = self.mean_length + (mean - self.mean_length) * count / self.num_envs
+        if self.is_held:
+            return
         tighten = self.mean_length > settings.tighten_above_steps
         loosen = self.mean_length < settings.loosen_below_steps
         factor = 1.0 + settings.tighten_rate * (loosen.float() - tighten.float())

@@ -41,12 +41,14 @@ class TrainingProgress:
         mean_terms: mean raw value of each optimizing term in this batch, in its own unit; in the
             order of the weights.
         goal_share: mean goal reward of a step in this batch, as a share of perfect tracking's.
+        stage_weights: weights of terms that the present stage of a curriculum sets, by name.
     """
 
     mean_episode_length: float
     num_steps: int
     mean_terms: Mapping[str, float] = field(default_factory=dict)
     goal_share: float = math.nan
+    stage_weights: Mapping[str, float] = field(default_factory=dict)
 
 
 class WeightOptimizer(Protocol):

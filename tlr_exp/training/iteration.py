@@ -53,6 +53,7 @@ class Trainer:
         self.episodes = EpisodeLengths(num_envs)
         self.env_steps = 0
         self.seconds: dict[str, float] = {}
+        self.stage_weights: Mapping[str, float] = {}  # of a curriculum, set from outside
 
     def train_iteration(self, progress: float = 0.0) -> dict[str, float]:
         """One iteration (Algorithm 1 of the paper around PPO); returns its metrics by name.
@@ -91,6 +92,7 @@ class Trainer:
             num_steps=num_steps,
             mean_terms={name: mean_terms[name] for name in self.split.optimizing_names},
             goal_share=self.split.goal_share(mean_terms),
+            stage_weights=self.stage_weights,
         )
 
     def _metrics(
