@@ -39,8 +39,13 @@ def equally_spread(goal_return: Tensor, term_returns: Tensor) -> Tensor:
         term_returns: [num_envs, num_terms].
     """
     # Sorted, so that the sums are the same to the bit however the environments were ordered.
-    goal = goal_return.detach().double().sort().values.std(correction=0)
+    goal = _deviation(goal_return.detach().double().sort().values)
     ascending = term_returns.detach().double().sort(dim=0).values
     varies = ascending[0] < ascending[-1]
-    spread = torch.where(varies, ascending.std(dim=0, correction=0), 1.0)
+    spread = torch.where(varies, _deviation(ascending), 1.0)
     return term_returns.detach().double() * torch.where(varies, goal / spread, 1.0)
+
+
+def _deviation(values: Tensor) -> Tensor:
+    """Standard deviation over the first dimension."""
+    return (values - values.mean(dim=0)).square().mean(dim=0).sqrt()
