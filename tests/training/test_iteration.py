@@ -10,6 +10,7 @@ from tlr_exp.optimizer.protocol import TrainingProgress, WeightUpdate
 from tlr_exp.ppo.learner import PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.reward.shaping import Shaping
 from tlr_exp.reward.split import RewardSplit
 from tlr_exp.reward.trajectories import Segments
 from tlr_exp.training.iteration import Trainer
@@ -73,6 +74,7 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
         split=RewardSplit(
             {"body_pos": 1.0}, {"ang_vel_xy": -1.0}, 0.02, ["body_pos", "ang_vel_xy"]
         ),
+        shaping=Shaping([], ["body_pos", "ang_vel_xy"], 0.99),
         trajectories=Segments(),
         weight_optimizer=optimizer,
         box_sample=BoxSample(1, objective),

@@ -31,6 +31,7 @@ CHOICES = [
     ["reward.ranked=age_matched"],
     ["optimizer=smoothed"],
     ["optimizer=under_curriculum", "reward/objective=normalized"],
+    ["reward=shaping"],
     ["curriculum=hierarchical", f"stages={STAGES}"],
 ]
 

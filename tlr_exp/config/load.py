@@ -21,7 +21,7 @@ from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
 from tlr_exp.config.stages import stage_problems
-from tlr_exp.env.terms import COSTS, TERMS
+from tlr_exp.env.terms import COSTS, STATE_COSTS, TERMS
 from tlr_exp.errors import UserError
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
@@ -173,6 +173,7 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
                 yield f"reward.{group}.{name} is {coefficient}; allowed: a finite number"
     if not reward.goal:
         yield "reward.goal is empty; it needs at least one term, by which trajectories are ranked"
+    yield from _shaping_problems(reward)
     for name in (*reward.goal, *reward.optimizing):
         needed = set(TERMS[name].constants if name in TERMS else ())
         given = set(reward.parameters.get(name, {}))
@@ -186,6 +187,17 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
                 f"reward.parameters.{name}.margin is {constants['margin']}; "
                 "allowed: from 0 to below 1"
             )
+
+
+def _shaping_problems(reward: RewardSettings) -> Iterator[str]:
+    for number, name in enumerate(reward.shaping):
+        if name not in STATE_COSTS:
+            why = "no cost of the state alone" if name in TERMS else "no reward term"
+            yield f"reward.shaping: {name} is {why}; allowed: {', '.join(STATE_COSTS)}"
+        elif name not in reward.optimizing:
+            yield f"reward.shaping: {name} has no coefficient in reward.optimizing"
+        if name in reward.shaping[:number]:
+            yield f"reward.shaping: {name} stands there twice"
 
 
 def _fit_problems(settings: Settings) -> Iterator[str]:

@@ -11,6 +11,7 @@ from tlr_exp.config.nested import flat, with_value
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "reward.ranked": "segment",
+    "reward.shaping": [],
     "curriculum": "none",
     "stages": [],
     "precision": "float32",

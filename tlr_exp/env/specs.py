@@ -23,14 +23,20 @@ CLEARED_BY_RESET = {
 
 
 def observation_spec(
-    batch: torch.Size, device: torch.device, observation_dim: int, privileged_dim: int
+    batch: torch.Size,
+    device: torch.device,
+    observation_dim: int,
+    privileged_dim: int,
+    num_state_costs: int,
 ) -> Composite:
     """What a step shows besides reward terms and done flags; the leading axis is num_envs."""
+    costs = {keys.STATE_COSTS: Unbounded(_shape(batch, num_state_costs), device=device)}
     scalar = partial(Unbounded, shape=_shape(batch, 1), device=device)
     return Composite(
         {
             keys.OBSERVATION: Unbounded(_shape(batch, observation_dim), device=device),
             keys.PRIVILEGED: Unbounded(_shape(batch, privileged_dim), device=device),
+            **(costs if num_state_costs else {}),
             keys.UPPER_BODY_ERROR: scalar(),
             keys.LOWER_BODY_ERROR: scalar(),
             keys.JOINT_ERROR: scalar(),

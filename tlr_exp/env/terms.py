@@ -37,6 +37,8 @@ class Term:
         formula: of the raw value, as a report shows it.
         unit: of the raw value.
         of_paper: whether the paper's lower layer has it (Table 1, Figure 14).
+        of_state: whether it is a cost that depends on the state alone, not on how the robot came
+            there, so that it can be a potential.
     """
 
     function: Callable[..., Tensor]
@@ -44,6 +46,7 @@ class Term:
     formula: str
     unit: str
     of_paper: bool
+    of_state: bool
 
     def __call__(self, step: Transition, **constants: float) -> Tensor:
         return self.function(step, **constants)
@@ -66,14 +69,17 @@ TERMS: dict[str, Term] = {}
 
 def tracking(formula: str) -> Callable[[Callable[..., Tensor]], Term]:
     """Make a function the tracking term of that formula."""
-    return partial(_listed, is_cost=False, formula=formula, unit="1", of_paper=False)
+    return partial(
+        _listed, is_cost=False, formula=formula, unit="1", of_paper=False, of_state=False
+    )
 
 
 def cost(
-    formula: str, unit: str, of_paper: bool = False
+    formula: str, unit: str, of_paper: bool = False, of_state: bool = False
 ) -> Callable[[Callable[..., Tensor]], Term]:
     """Make a function the cost of that formula and unit."""
-    return partial(_listed, is_cost=True, formula=formula, unit=unit, of_paper=of_paper)
+    facts = {"formula": formula, "unit": unit, "of_paper": of_paper, "of_state": of_state}
+    return partial(_listed, is_cost=True, **facts)
 
 
 def _listed(function: Callable[..., Tensor], **facts: Any) -> Term:
@@ -163,19 +169,19 @@ def joint_vel(step: Transition, *, sigma: float) -> Tensor:
 # --- lower layer: penalties and regularisers -------------------------------------------------
 
 
-@cost("(h_base - h_des)²", "m²", of_paper=True)
+@cost("(h_base - h_des)²", "m²", of_paper=True, of_state=True)
 def base_height(step: Transition) -> Tensor:
     """Table 1; h_des is the pelvis height of the reference."""
     return (step.state.qpos[:, 2] - step.reference.qpos[:, 2]).square()
 
 
-@cost("‖ω_base,xy‖²", "(rad/s)²", of_paper=True)
+@cost("‖ω_base,xy‖²", "(rad/s)²", of_paper=True, of_state=True)
 def ang_vel_xy(step: Transition) -> Tensor:
     """Table 1: roll and pitch rate in the base frame."""
     return step.state.qvel[:, 3:5].square().sum(dim=-1)
 
 
-@cost("v_base,z²", "(m/s)²", of_paper=True)
+@cost("v_base,z²", "(m/s)²", of_paper=True, of_state=True)
 def lin_vel_z(step: Transition) -> Tensor:
     """Table 1: vertical velocity in the base frame."""
     return step.instant.base_lin_vel_b[:, 2].square()
@@ -186,6 +192,7 @@ def lin_vel_z(step: Transition) -> Tensor:
     "Δ⁺_i = ε (q_max,i - q_mid,i), Δ⁻_i = ε (q_mid,i - q_min,i)",
     "rad²",
     of_paper=True,
+    of_state=True,
 )
 def dof_pos_limits(step: Transition, *, margin: float) -> Tensor:
     """Squared intrusion into the margin inside both joint limits, mean over joints, rad^2.
@@ -201,7 +208,7 @@ def dof_pos_limits(step: Transition, *, margin: float) -> Tensor:
     return (over.square() + under.square()).mean(dim=-1)
 
 
-@cost("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²", of_paper=True)
+@cost("(1/N) Σ_i max(0, |q̇_i| - (1 - ε) q̇_max,i)²", "(rad/s)²", of_paper=True, of_state=True)
 def dof_vel_limits(step: Transition, *, margin: float) -> Tensor:
     """Joint speeds near what the motors reach (Table 1)."""
     limit = (1.0 - margin) * step.limits.velocity_rad_s
@@ -234,4 +241,5 @@ def termination(step: Transition) -> Tensor:
 
 
 COSTS = tuple(name for name, term in TERMS.items() if term.is_cost)
+STATE_COSTS = tuple(name for name, term in TERMS.items() if term.of_state)
 PAPER_LOWER_LAYER = tuple(name for name, term in TERMS.items() if term.of_paper)

@@ -14,6 +14,7 @@ from tlr_exp.optimizer.protocol import WeightOptimizer
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import Objective
+from tlr_exp.reward.shaping import Shaping
 from tlr_exp.reward.trajectories import trajectories_of
 from tlr_exp.training.iteration import Trainer
 
@@ -29,9 +30,11 @@ def build_trainer(
     split = build_split(settings, env.term_names)
     collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
     box_sample = BoxSample(len(split.optimizing_names), objective)
+    shaping = Shaping(settings.reward.shaping, split.term_names, settings.ppo.gamma)
     return Trainer(
         collect,
         split,
+        shaping,
         trajectories_of(settings.reward.ranked),
         weight_optimizer,
         box_sample,

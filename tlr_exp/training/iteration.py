@@ -16,6 +16,7 @@ from tlr_exp import keys
 from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
 from tlr_exp.ppo.learner import Ppo, PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
+from tlr_exp.reward.shaping import Shaping
 from tlr_exp.reward.split import RewardSplit
 from tlr_exp.reward.trajectories import Steps, Trajectories
 from tlr_exp.training.episodes import EpisodeLengths, ending_shares, mean_at_equal_ages
@@ -27,6 +28,7 @@ class Trainer:
     Args:
         collect: returns a batch [num_envs, num_steps] of the present policy.
         split: the two layers of the reward.
+        shaping: the terms that are potentials.
         trajectories: what the weight optimizer ranks.
         weight_optimizer: finds the lower layer's weights of each iteration.
         box_sample: tells how much of the weight box is optimal; it decides nothing.
@@ -38,6 +40,7 @@ class Trainer:
         self,
         collect: Callable[[], TensorDictBase],
         split: RewardSplit,
+        shaping: Shaping,
         trajectories: Trajectories,
         weight_optimizer: WeightOptimizer,
         box_sample: BoxSample,
@@ -46,6 +49,7 @@ class Trainer:
     ) -> None:
         self.collect = collect
         self.split = split
+        self.shaping = shaping
         self.trajectories = trajectories
         self.weight_optimizer = weight_optimizer
         self.box_sample = box_sample
@@ -68,10 +72,10 @@ class Trainer:
         self.env_steps += batch.numel()
         done = batch["next", keys.DONE].squeeze(-1)
         ages = self.episodes.add(done)
-        terms = batch["next", keys.REWARD_TERMS]
+        terms = self._shaped(batch)
         steps = Steps(terms, done, ages, batch["next", keys.PHASE].squeeze(-1))
         returns = self.split.returns(self.trajectories(steps))
-        mean_terms = _mean_terms(self.split.term_names, terms)
+        mean_terms = _mean_terms(self.split.term_names, batch["next", keys.REWARD_TERMS])
         with self._timed("weights"):
             self.weight_optimizer.observe(self._progress(mean_terms, num_steps=batch.shape[1]))
             found = self.weight_optimizer.update(*returns)
@@ -84,6 +88,14 @@ class Trainer:
             box_share = self.box_sample.optimal_share(*returns, found.objective)
         learned = self._metrics(batch, mean_terms, found, box_share, diagnostics)
         return {**learned, **_errors_at_equal_ages(batch, ages)}
+
+    def _shaped(self, batch: TensorDictBase) -> Tensor:
+        """The raw terms of a batch, in which potentials are differences."""
+        terms = batch["next", keys.REWARD_TERMS]
+        if not self.shaping.names:
+            return terms
+        terminated = batch["next", keys.TERMINATED].squeeze(-1)
+        return self.shaping(terms, batch[keys.STATE_COSTS], terminated)
 
     def _progress(self, mean_terms: Mapping[str, float], num_steps: int) -> TrainingProgress:
         """The facts about the training that a weight optimizer may use, apart from the returns."""
