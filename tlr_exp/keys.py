@@ -50,6 +50,7 @@ TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES = "train/lower_body_error_at_equal_ages_m"
 UNSTABLE_ENVS = "train/unstable_envs"
 DISTANCE_LIMIT = "train/distance_limit_m"  # beyond which a body ends an episode
 STAGE = "train/stage"  # of the curriculum, from 1; only where there is one
+SIGMA_PREFIX = "train/sigma/"  # of a goal term; only where sigmas adapt
 OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)
 OBJECTIVE_AFTER = "train/objective_after"  # J at the weights in use
 OPTIMAL_SHARE = "train/optimal_share"  # share of the pack that reaches the best J

@@ -32,6 +32,7 @@ CHOICES = [
     ["optimizer=smoothed"],
     ["optimizer=under_curriculum", "reward/objective=normalized"],
     ["reward=shaping"],
+    ["reward.sigma_rate=0.05"],
     ["curriculum=hierarchical", f"stages={STAGES}"],
 ]
 

@@ -36,6 +36,7 @@ def build_env(
         settings.env,
         seed,
         potentials=settings.reward.shaping,
+        sigma_rate=settings.reward.sigma_rate,
         saved=saved,
     )
 

@@ -100,6 +100,7 @@ LIMITS: Mapping[str, Check] = {
     "env.termination.loosen_below_steps": _at_least(0),
     "reward.penalty_scale": _at_least(0),
     "reward.ranked": _one_of(RANKED),
+    "reward.sigma_rate": _within(0, 1),
     "ppo.num_steps": _at_least(1),
     "ppo.num_epochs": _at_least(1),
     "ppo.num_minibatches": _at_least(1),

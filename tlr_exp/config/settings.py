@@ -76,6 +76,8 @@ class RewardSettings:
         optimizing: coefficient of each lower-layer term, which the weights in [0, 1] multiply.
         penalty_scale: multiplies the coefficients of all lower-layer terms.
         parameters: constants of the terms, by term.
+        sigma_rate: at which sigmas of tracking terms follow the errors, per control step; null:
+            they stay (``tlr_exp.env.temperatures``).
         shaping: lower-layer terms that act as potentials (``tlr_exp.reward.shaping``).
         ranked: what a trajectory is that the search ranks (``tlr_exp.reward.trajectories``).
         objective: what the weight optimizer minimises (``_target_`` and its settings).
@@ -85,6 +87,7 @@ class RewardSettings:
     optimizing: dict[str, float]
     penalty_scale: float
     parameters: dict[str, dict[str, float]]
+    sigma_rate: float | None
     shaping: list[str]
     ranked: str
     objective: dict[str, Any]

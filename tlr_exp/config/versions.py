@@ -12,6 +12,7 @@ ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
     "reward.ranked": "segment",
     "reward.shaping": [],
+    "reward.sigma_rate": None,
     "curriculum": "none",
     "stages": [],
     "precision": "float32",

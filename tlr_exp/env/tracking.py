@@ -46,8 +46,8 @@ class TrackingEnv(EnvBase):
         settings: observation, action, starts and ends of episodes.
         seed: of the environment's own generator.
         failures: whether an episode can end by a failure (evaluations let it go on).
-        potentials: names of terms whose values in the state in which a step begins are shown, too
-            (``keys.STATE_COSTS``); they must be functions of the state alone.
+        potentials: terms, functions of the state, that are shown where a step begins, too.
+        sigma_rate: at which sigmas of tracking terms follow the errors; None: they stay.
         start_frames: frames of the motion in which every episode of each robot starts, [num_envs];
             by default as ``settings`` say.
         saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
@@ -75,6 +75,7 @@ class TrackingEnv(EnvBase):
         seed: int,
         failures: bool = True,
         potentials: Sequence[str] = (),
+        sigma_rate: float | None = None,
         start_frames: Sequence[int] | None = None,
         saved: Mapping[str, Any] | None = None,
     ) -> None:
@@ -88,7 +89,7 @@ class TrackingEnv(EnvBase):
         self.failures = failures
         self.joint_targets = JointTargets(settings.action, robot, self.device)
         self.limits = JointLimits.of(robot, self.device)
-        self.recorded = RecordedTerms(terms, potentials, self.limits)
+        self.recorded = RecordedTerms(terms, potentials, self.limits, sigma_rate)
         self.term_names = self.recorded.names
         self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
         # The reference is read ahead, and an episode has one step at least.
@@ -273,10 +274,7 @@ class TrackingEnv(EnvBase):
 
     # --- checkpoints -------------------------------------------------------------------------
 
-    _BUFFERS = (
-        *("start_frame", "episode_step", "previous_action"),
-        *("observed", "privileged", "state_costs"),
-    )
+    _BUFFERS = "start_frame episode_step previous_action observed privileged state_costs".split()
 
     def simulation_state(self) -> dict[str, object]:
         """All that is needed to go on bit for bit, between two steps: a new one's ``saved``."""
@@ -285,6 +283,7 @@ class TrackingEnv(EnvBase):
             "generator": self.generator.get_state(),
             "distance": self.distance.state_dict(),
             "starts": self.starts.state_dict(),
+            "recorded": self.recorded.state_dict(),
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
@@ -295,5 +294,6 @@ class TrackingEnv(EnvBase):
         self.distance.load_state_dict(saved["distance"])
         if "starts" in saved:  # runs of earlier versions had no adaptive starts
             self.starts.load_state_dict(saved["starts"])
+        self.recorded.load_state_dict(saved.get("recorded", {}))
         for name, value in saved["buffers"].items():  # those of earlier versions lack state costs
             setattr(self, name, value.to(self.device))

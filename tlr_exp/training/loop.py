@@ -123,6 +123,8 @@ class Training:
         metrics = self.trainer.train_iteration((iteration - 1) / self.settings.scale.iterations)
         self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
         metrics[keys.DISTANCE_LIMIT] = self.env.distance.value_m.item()
+        sigmas = self.env.recorded.sigmas()
+        metrics |= {f"{keys.SIGMA_PREFIX}{name}": sigma for name, sigma in sigmas.items()}
         self._advance_stage(iteration, metrics)
         scale = self.settings.scale
         is_last = iteration == scale.iterations
