@@ -19,7 +19,9 @@ LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
 FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
 PHASE = "phase"  # [num_envs, 1], of the motion at the reference's instant, from 0 to 1
-STATE_COSTS = "state_costs"  # [num_envs, n], raw, of the state shown; only where costs are potentials
+STATE_COSTS = (
+    "state_costs"  # [num_envs, n], raw, of the state shown; only where costs are potentials
+)
 UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env/tracking.py)
 
 

@@ -75,7 +75,10 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),
         ("reward.parameters.dof_pos_limits.margin=5", ["margin is 5.0", "below 1"]),
         ("scale.name=a/b", ["scale.name is 'a/b'", "letters"]),
-        ("reward.shaping=[action_smoothness]", ["action_smoothness is no cost of the state", "base"]),
+        (
+            "reward.shaping=[action_smoothness]",
+            ["action_smoothness is no cost of the state", "base"],
+        ),
         ("reward.shaping=[speed]", ["reward.shaping: speed is no reward term; allowed: base"]),
         ("reward.shaping=[lin_vel_z,lin_vel_z]", ["lin_vel_z stands there twice"]),
         ("reward.ranked=all", ["reward.ranked is 'all'", "segment, episode, per_step, age_"]),

@@ -41,7 +41,7 @@ def test_stages_that_cannot_be_are_told_by_key(stages, words):
 
 def test_weights_need_an_optimizer_that_applies_them():
     given = f"stages=[{stage(weights='{torques:0.5}')}]"
-    with pytest.raises(ConfigError, match=r"stages\[0\].weights are applied by no optimizer"):
+    with pytest.raises(ConfigError, match=r"stages\[0\]\.weights are applied by no optimizer"):
         load_settings(composed("optimizer=gwo", given))
     inside = ("optimizer=smoothed", "optimizer@optimizer.inner=staged", given)
     assert load_settings(composed(*inside)).stages[0].weights == {"torques": 0.5}
@@ -49,7 +49,7 @@ def test_weights_need_an_optimizer_that_applies_them():
 
 def test_a_part_of_the_motion_needs_random_starts():
     given = f"stages=[{stage(start_phases='[0,0.5]')}]"
-    with pytest.raises(ConfigError, match="needs env.start_phase=random, which is adaptive"):
+    with pytest.raises(ConfigError, match=r"needs env\.start_phase=random, which is adaptive"):
         load_settings(composed("env.start_phase=adaptive", given))
 
 

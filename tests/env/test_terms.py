@@ -355,7 +355,7 @@ def turned(*rotation_vector_deg: float) -> torch.Tensor:
 
 
 def test_feet_orientation_by_hand(tracking):
-    # Rolled by 30 deg: sin 30 of gravity is along the sole. On its side about any heading: all of it.
+    # Rolled by 30 deg: sin 30 of gravity is along the sole; turned, none; on its toes, all.
     step = tracking()
     step.state.body_quat_w[0, FEET[0]] = turned(30.0, 0.0, 0.0)
     step.state.body_quat_w[0, FEET[1]] = turned(0.0, 0.0, 70.0)

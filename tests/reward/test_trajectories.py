@@ -72,7 +72,7 @@ def random_steps(seed: int = 0) -> Steps:
 
 
 def test_matched_by_age_no_cell_is_better_than_another():
-    """A reward that depends on age and phase alone tells nothing of the policy: all returns are 0."""
+    """Where a reward depends on age and phase alone, all returns are 0."""
     steps = random_steps()
     band = (steps.age > 6).float() + 2.0 * (steps.phase >= 0.5).float()
     alone = Steps(band[..., None], steps.done, steps.age, steps.phase)

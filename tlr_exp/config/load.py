@@ -213,6 +213,8 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
+    if (termination.distance_max_m or math.inf) < termination.distance_start_m:
+        yield "env.termination.distance_start_m exceeds env.termination.distance_max_m"
     yield from _limit_problems(settings.optimizer)
     yield from stage_problems(settings)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):

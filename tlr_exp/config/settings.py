@@ -16,17 +16,21 @@ class TerminationSettings:
         max_tilt: largest |x| or |y| component of the projected gravity (1 = lying down).
         distance_start_m: largest distance of a tracked body from its reference, at first.
         distance_end_m: the same once it has tightened.
+        distance_max_m: the largest that it loosens to; null: ``distance_start_m``.
         tighten_rate: share by which the limit changes in one control step.
         tighten_above_steps: it shrinks while the mean episode is longer than this.
         loosen_below_steps: it grows back while the mean episode is shorter than this.
+        mean_episodes: about how many finished episodes the mean is of; null: one per environment.
     """
 
     max_tilt: float
     distance_start_m: float
     distance_end_m: float
+    distance_max_m: float | None
     tighten_rate: float
     tighten_above_steps: float
     loosen_below_steps: float
+    mean_episodes: int | None
 
 
 @dataclass
@@ -134,6 +138,7 @@ class PpoSettings:
     hidden_sizes: list[int]
     activation: str
     initial_std: float
+    std: str
 
 
 @dataclass

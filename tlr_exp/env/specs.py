@@ -20,6 +20,8 @@ CLEARED_BY_RESET = {
     keys.TRUNCATED: torch.bool,
     keys.DONE: torch.bool,
 }
+# What the environment keeps of the state that it has shown last.
+SHOWN_OF_STATE = ("observed", "privileged", "state_costs")
 
 
 def observation_spec(

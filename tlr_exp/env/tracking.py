@@ -267,14 +267,16 @@ class TrackingEnv(EnvBase):
 
     def _reset_output(self) -> TensorDictBase:
         cleared = specs.cleared_entries(self.batch_size, self.device)
-        return TensorDict({**self._shown(), **cleared}, batch_size=self.batch_size, device=self.device)
+        return TensorDict(
+            {**self._shown(), **cleared}, batch_size=self.batch_size, device=self.device
+        )
 
     def _set_seed(self, seed: int | None) -> None:
         self.generator.manual_seed(0 if seed is None else seed)
 
     # --- checkpoints -------------------------------------------------------------------------
 
-    _BUFFERS = "start_frame episode_step previous_action observed privileged state_costs".split()
+    _BUFFERS = ("start_frame", "episode_step", "previous_action", *specs.SHOWN_OF_STATE)
 
     def simulation_state(self) -> dict[str, object]:
         """All that is needed to go on bit for bit, between two steps: a new one's ``saved``."""

@@ -12,7 +12,7 @@ from tlr_exp.optimizer.protocol import TrainingProgress
 
 @dataclass(kw_only=True, eq=False)
 class StagedWeights(Reweighted):
-    """The weights that the present stage gives, and for terms that it does not name those of `inner`.
+    """The weights that the present stage gives; terms that it does not name have those of `inner`.
 
     Attributes:
         given: the weights of the present stage, NaN for terms without one [num_terms].

@@ -151,7 +151,7 @@ class Training:
             self._weigh_terms()
 
     def _limit_episodes(self) -> None:
-        """Tell the environment what the stage says of episodes; weights are none of its business."""
+        """Tell the environment what the stage says of episodes, and nothing of weights."""
         if self.stages:
             self.env.distance.hold(self.stages.present.distance_m)
             self.env.starts.keep_within(self.stages.present.start_phases)

@@ -22,7 +22,7 @@ from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
-# A recipe and a curriculum are names for values: the name alone would say of the run what it is not.
+# Names for values: the name alone would say of the run what it is not.
 _NAMES = ("recipe", "curriculum")
 _MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", *_NAMES, *_PLACE))
 
