@@ -52,12 +52,13 @@ def test_a_lost_node_gives_its_job_to_another_and_sigterm_saves(sweeper, cluster
     pids = {num: sweeper.sweep.job(num).pid for num in (0, 1)}
     (lost,) = [num for num, pid in pids.items() if not is_on_head(cluster, pid)]
     lose_node_of(cluster, pids[lost])
+    left = len(sweeper.iterations(lost))
     told = f"job {lost} (seed={lost}): its node was lost, another continues it"
     wait_for(lambda: told in sweeper.output, process)
     wait_for(lambda: "1 queued again (its node was lost)" in sweeper.output, process)
     # The node that is left has room for one: the other job waits for it.
     os.kill(sweeper.sweep.job(1 - lost).pid, signal.SIGINT)
-    wait_for(lambda: sweeper.trains(lost), process)
+    wait_for(lambda: sweeper.trains(lost, left + 1), process)
     os.killpg(process.pid, signal.SIGTERM)
     status, output = sweeper.end(process)
     assert status == 130, output

@@ -84,6 +84,25 @@ def test_a_run_that_nobody_trains_is_answered_for(sweep, run, start, monkeypatch
     assert capsys.readouterr().err == "no GPU on this node\n"
 
 
+@pytest.fixture
+def blocked() -> Iterator[None]:
+    """Signals blocked in this thread, as in the threads of Ray's workers that start jobs."""
+    numbers = {signal.SIGINT, signal.SIGTERM}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    yield
+    signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    while signal.sigtimedwait(numbers, 0):
+        pass  # nothing that was sent and not heard reaches another test
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@pytest.mark.usefixtures("blocked")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_job_hears_what_the_thread_that_started_it_blocks(run, start, monkeypatch, number):
+    monkeypatch.setattr(jobs, "train_in", lambda *arguments, **more: signal.raise_signal(number))
+    assert start() == 130
+
+
 def test_a_bug_is_told_with_its_traceback(sweep, run, start, monkeypatch, capsys):
     monkeypatch.setattr(jobs, "train_in", raising(ZeroDivisionError("by nothing")))
     assert start() == 1

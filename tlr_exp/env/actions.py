@@ -1,6 +1,5 @@
 """From raw actions to joint targets: what an action is relative to, and how far it reaches."""
 
-from collections.abc import Callable
 from functools import partial
 
 import torch
@@ -30,28 +29,25 @@ class JointTargets:
         self.scale = tensor(robot.action_scale_rad)
         self._damping_time_s = tensor(robot.kd / robot.kp)
 
-    def __call__(
-        self, action: Tensor, joint_pos: Tensor, coming: Callable[[], ReferenceFrame]
-    ) -> Tensor:
+    def __call__(self, action: Tensor, joint_pos: Tensor, coming: ReferenceFrame) -> Tensor:
         """Joint targets in rad, [num_envs, 23].
 
         Args:
             action: raw, [num_envs, 23].
             joint_pos: where the joints are, rad, [num_envs, 23].
-            coming: gives the reference that this step is to reach, with which its end is compared.
+            coming: the reference that this step is to reach, with which its end is compared.
         """
         return self._of_zero_action(joint_pos, coming) + self.scale * action
 
-    def _of_zero_action(self, joint_pos: Tensor, coming: Callable[[], ReferenceFrame]) -> Tensor:
+    def _of_zero_action(self, joint_pos: Tensor, coming: ReferenceFrame) -> Tensor:
         match self.choice:
             case "current_pose":
                 return joint_pos
             case "reference_pose":
-                return coming().qpos[:, 7:]
+                return coming.qpos[:, 7:]
             case "reference_motion":
                 # With a target that is ahead by velocity * kd / kp, the PD control damps only what
                 # differs from the reference's velocity.
-                reference = coming()
-                return reference.qpos[:, 7:] + self._damping_time_s * reference.qvel[:, 6:]
+                return coming.qpos[:, 7:] + self._damping_time_s * coming.qvel[:, 6:]
             case _:
                 return self.default_pos

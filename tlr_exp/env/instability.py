@@ -24,11 +24,12 @@ class UnstableStates:
         Returns:
             The states, and which of them diverged [num_envs] bool.
         """
-        # The maximum of numbers with a NaN among them is NaN, and no comparison with NaN is true.
-        farthest, fastest = state.qpos.abs().amax(-1), state.qvel.abs().amax(-1)
-        unstable = ~((farthest < torch.inf) & (fastest < MAX_SPEED))
-        if not unstable.any():
-            return state, unstable
+        farthest, fastest = state.qpos.abs(), state.qvel.abs()
+        # One maximum over all robots takes a fifth of the time of one for each robot, and nearly
+        # always says that all is well.
+        if _are_stable(farthest.max(), fastest.max()):
+            return state, torch.zeros(len(action), dtype=torch.bool, device=action.device)
+        unstable = ~_are_stable(farthest.amax(-1), fastest.amax(-1))
         # Selecting by a mask copies.
         self._rows.append((before.qpos[unstable], before.qvel[unstable], action[unstable]))
         replaced = (
@@ -43,3 +44,9 @@ class UnstableStates:
         names = ("qpos", "qvel", "action")
         columns = zip(*rows, strict=True) if rows else [[torch.empty(0)]] * len(names)
         return {n: torch.cat(list(column)) for n, column in zip(names, columns, strict=True)}
+
+
+def _are_stable(farthest: Tensor, fastest: Tensor) -> Tensor:
+    """Whether simulations with such largest positions and speeds go on."""
+    # The maximum of numbers with a NaN among them is NaN, and no comparison with NaN is true.
+    return (farthest < torch.inf) & (fastest < MAX_SPEED)

@@ -5,7 +5,12 @@ from functools import cached_property
 
 from torch import Tensor
 
-from tlr_exp.env.rotations import into_frame, rotation_angle, rotation_matrix
+from tlr_exp.env.rotations import (
+    into_frame,
+    rotation_angle,
+    rotation_matrix,
+    squared_length,
+)
 from tlr_exp.motion.reference import ReferenceFrame
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot.spec import RobotSpec
@@ -31,7 +36,7 @@ class Instant:
     @cached_property
     def squared_distance(self) -> Tensor:
         """Squared distance of each body from its reference, m^2, [n, 27]."""
-        return self.body_pos_error_w.square().sum(dim=-1)
+        return squared_length(self.body_pos_error_w)
 
     @cached_property
     def rotation_angle(self) -> Tensor:

@@ -1,5 +1,7 @@
 """Batched quaternion algebra; quaternions are wxyz and of unit length, vectors have three axes."""
 
+from functools import reduce
+
 import torch
 from torch import Tensor
 
@@ -36,8 +38,16 @@ def rotation_angle(first: Tensor, second: Tensor) -> Tensor:
     From the chord |first - second| = 2 sin(angle / 4), which keeps its precision at small angles
     where the arc cosine of the scalar part loses half of the digits.
     """
-    chord = torch.minimum((first - second).norm(dim=-1), (first + second).norm(dim=-1))
+    chord = torch.minimum(squared_length(first - second), squared_length(first + second)).sqrt()
     return 4.0 * torch.asin((0.5 * chord).clamp(max=1.0))
+
+
+def squared_length(vectors: Tensor) -> Tensor:
+    """Squared length of vectors of a few components, [..., k] -> [...].
+
+    Component by component, because a sum over so few numbers takes several times as long.
+    """
+    return reduce(torch.add, vectors.square().unbind(-1))
 
 
 def projected_gravity(quat_wxyz: Tensor) -> Tensor:
@@ -67,12 +77,12 @@ def rotation_matrix(quat_wxyz: Tensor) -> Tensor:
 def into_frame(vectors: Tensor, matrix: Tensor) -> Tensor:
     """Express world-frame ``vectors`` [n, k, 3] in the frame of rotation ``matrix`` [n, 3, 3].
 
-    Row vectors times the matrix. Written out, because a batched product of matrices this small
-    takes several times as long.
+    Row vectors times the matrix. By NumPy where it can be, because PyTorch takes five times as long
+    for a batch of matrices this small.
     """
-    x, y, z = vectors.unsqueeze(-1).unbind(-2)
-    rows = matrix.unsqueeze(1)
-    return x * rows[..., 0, :] + y * rows[..., 1, :] + z * rows[..., 2, :]
+    if vectors.device.type == "cpu":
+        return torch.from_numpy(vectors.numpy() @ matrix.numpy())
+    return vectors @ matrix
 
 
 def from_rotation_vector(rotation_vector: Tensor) -> Tensor:

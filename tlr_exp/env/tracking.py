@@ -25,7 +25,7 @@ from tlr_exp.env.resets import perturb
 from tlr_exp.env.starts import StartFrames
 from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fell
 from tlr_exp.env.transition import JointLimits, Transition
-from tlr_exp.motion.reference import Reference, ReferenceFrame
+from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.protocol import Physics
 from tlr_exp.physics.state import PhysicsState
 from tlr_exp.robot.model import Robot
@@ -135,11 +135,12 @@ class TrackingEnv(EnvBase):
         action = tensordict.get(keys.ACTION)
         before = self.state
         self._resumes = False
-        after = self.physics.step(self._joint_target(action))
-        self.state, unstable = self._unstable.replace(after, before, action)
         self.episode_step = self.episode_step + 1
         frame_index = self._frame_index()
-        instant = Instant(self.state, self.reference.frame(frame_index), self.spec)
+        reference = self.reference.frame(frame_index)
+        after = self.physics.step(self.joint_targets(action, before.qpos[:, 7:], reference))
+        self.state, unstable = self._unstable.replace(after, before, action)
+        instant = Instant(self.state, reference, self.spec)
         fallen = fell(instant, self.settings.termination.max_tilt)
         terminated = unstable
         if self.failures:
@@ -194,12 +195,6 @@ class TrackingEnv(EnvBase):
         """What a step or a reset shows of the state that the robots are in."""
         costs = {keys.STATE_COSTS: self.state_costs} if self.recorded.of_state else {}
         return {keys.OBSERVATION: self.observed, keys.PRIVILEGED: self.privileged, **costs}
-
-    def _joint_target(self, action: Tensor) -> Tensor:
-        def coming() -> ReferenceFrame:
-            return self.reference.frame(self._frame_index() + 1)
-
-        return self.joint_targets(action, self.state.qpos[:, 7:], coming)
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""

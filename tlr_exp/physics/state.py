@@ -119,14 +119,10 @@ def check_reset(
             )
         if not is_finite(value):
             raise UserError(f"{name} holds values that are not finite; a reset needs finite ones")
-    if count == 0:
-        return
-    ordered = env_ids.sort().values
-    if int(ordered[0]) < 0 or int(ordered[-1]) >= num_envs:
-        raise UserError(
-            f"env_ids must lie in 0..{num_envs - 1}, got {int(ordered[0])}..{int(ordered[-1])}"
-        )
-    if bool((ordered[1:] == ordered[:-1]).any()):
+    ids = env_ids.tolist()
+    if count and not 0 <= min(ids) <= max(ids) < num_envs:
+        raise UserError(f"env_ids must lie in 0..{num_envs - 1}, got {min(ids)}..{max(ids)}")
+    if len(set(ids)) < count:
         raise UserError("env_ids names an environment more than once")
 
 

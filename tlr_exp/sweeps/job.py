@@ -37,9 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show_any_text()
     refuse_without_docstrings("a job of a sweep")
     options = _parser().parse_args(arguments)
-    # The parent may ignore SIGINT, which a new process inherits.
+    # A new process inherits what its parent ignores, and what the thread that started it blocks:
+    # a worker of a sweep ignores SIGINT, and Ray's block it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     # The warning of a cluster before the end of the time; whoever started this passes it on.
     signal.signal(signal.SIGUSR2, signal.SIG_IGN)
     sweep_process = None if options.with_pid is None else WatchedProcess(options.with_pid)
