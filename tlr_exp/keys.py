@@ -60,6 +60,7 @@ BOX_OPTIMAL_SHARE = "train/box_optimal_share"  # share of the weight box with mi
 STEP_REWARD = "train/step_reward"  # mean composed reward of a control step
 PPO_PREFIX = "ppo/"
 WEIGHT_PREFIX = "weight/"
+OPTIMIZER_PREFIX = "optimizer/"  # what a weight optimizer tells of its own
 REWARD_TERM_PREFIX = "reward_term/"
 TIME_PREFIX = "time/"
 EVAL_PREFIX = "eval/"

@@ -39,6 +39,7 @@ def test_no_reading_is_what_there_was_before_and_the_sweep_has_them_all():
 
 
 def test_a_curriculum_and_a_reading_can_be_chosen_beside_another_optimizer():
-    assert config_of("optimizer=pso", "reading=episode")["optimizer"] == (
-        config_of("optimizer=pso")["optimizer"]
+    assert (
+        config_of("optimizer=pso", "reading=episode")["optimizer"]
+        == (config_of("optimizer=pso")["optimizer"])
     )

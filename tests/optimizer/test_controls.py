@@ -94,7 +94,7 @@ def test_where_the_curriculum_ends_is_what_its_file_and_its_page_say(
 
     assert end() == pytest.approx(largest_end, abs=5e-5)
     root = Path(__file__).parents[2]
-    for page in ("conf/optimizer/curriculum.yaml", "docs/optimizers.md"):
+    for page in ("conf/optimizer/curriculum.yaml", "docs/rivals.md"):
         text = (root / page).read_text(encoding="utf-8")
         assert str(largest_end) in text
         assert "230 260 control steps" in text  # ln(10) / ln(1 + 1e-5) = 230 259.7

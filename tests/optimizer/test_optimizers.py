@@ -9,18 +9,23 @@ import pytest
 import torch
 from configured import make
 from landscapes import Recorder, constant, plateau, uneven_bowl
+from policies import random_gradients
 
 import conf
 from tlr_exp.env.terms import PAPER_LOWER_LAYER
 from tlr_exp.optimizer.effective_dimension import setting_for
-from tlr_exp.optimizer.protocol import TrainingProgress, WeightUpdate
+from tlr_exp.optimizer.protocol import PolicyGradients, TrainingProgress, WeightUpdate
 from tlr_exp.reward.objectives import RankDeviation
 
 CHOICES = sorted(path.stem for path in (Path(conf.__path__[0]) / "optimizer").glob("*.yaml"))
-UNSEARCHED = ["curriculum", "fixed", "lagrangian", "random", "zero"]
+GRADIENTS = ["gradnorm", "meta_gradient", "pcgrad"]  # weigh by policy gradients
+UNSEARCHED = ["curriculum", "fixed", "lagrangian", "random", "zero", *GRADIENTS]
 AROUND = ["smoothed", "staged", "under_curriculum", "when_tracking"]  # in files of their own
 SEARCHES = [choice for choice in CHOICES if choice not in (*UNSEARCHED, *AROUND)]
-BOXED = [*(choice for choice in SEARCHES if choice != "effective_dimension"), "random"]
+BOXED = [
+    *(choice for choice in SEARCHES if choice != "effective_dimension"),
+    *("random", "gradnorm", "meta_gradient"),
+]
 # Beside every choice with its own settings, those that keep more between iterations.
 VARIANTS = [
     *((choice, {}) for choice in CHOICES),
@@ -30,7 +35,7 @@ VARIANTS = [
     ("effective_dimension", {"inner": {"warm_start": True}}),
 ]
 BUDGET = 30 + 30 * 50  # of the paper's search, as conf/optimizer/gwo.yaml has it
-COSTS = dict.fromkeys(PAPER_LOWER_LAYER[:5], 0.3)
+COSTS = dict.fromkeys(PAPER_LOWER_LAYER[:5], 1e-6)  # below every limit: multipliers fall from 1
 NUM_TERMS = len(COSTS)
 
 
@@ -41,15 +46,29 @@ def returns(seed: int, num_terms: int = NUM_TERMS) -> tuple[torch.Tensor, torch.
     return goal_return, -torch.rand(200, num_terms, generator=generator)
 
 
+def asked(
+    optimizer: Any, iteration: int, trajectories: tuple[torch.Tensor, torch.Tensor] | None = None
+) -> WeightUpdate:
+    """The weights of an iteration: told first, as in a training, then asked."""
+    gradients = random_gradients(iteration, NUM_TERMS)
+    optimizer.observe(
+        TrainingProgress(50.0, 24, mean_terms=COSTS, policy_gradients=lambda: gradients)
+    )
+    return optimizer.update(*(trajectories or returns(iteration)))
+
+
 def same(a: WeightUpdate, b: WeightUpdate) -> bool:
-    rest = [(u.objective, u.baseline_objective, u.evaluations, u.optimal_share) for u in (a, b)]
+    rest = [
+        (u.objective, u.baseline_objective, u.evaluations, u.optimal_share, u.details)
+        for u in (a, b)
+    ]
     return torch.equal(a.weights, b.weights) and rest[0] == rest[1]
 
 
 @pytest.mark.parametrize("choice", CHOICES)
 def test_the_update_describes_its_weights(choice: str) -> None:
     goal_return, term_returns = returns(1)
-    update = make(choice).update(goal_return, term_returns)
+    update = asked(make(choice), 1)
     assert update.weights.shape == (NUM_TERMS,)
     assert update.weights.dtype == torch.float32
     assert ((update.weights >= 0) & (update.weights <= 1)).all()
@@ -63,7 +82,19 @@ def test_the_update_describes_its_weights(choice: str) -> None:
 def test_the_same_seed_gives_the_same_bits(choice: str) -> None:
     first, second = make(choice, seed=3), make(choice, seed=3)
     for iteration in range(2):
-        assert same(first.update(*returns(iteration)), second.update(*returns(iteration)))
+        assert same(asked(first, iteration), asked(second, iteration))
+
+
+@pytest.mark.parametrize("choice", [c for c in CHOICES if c not in GRADIENTS])
+def test_gradients_that_nobody_asks_for_are_not_computed(choice: str) -> None:
+    def policy_gradients() -> PolicyGradients:
+        raise AssertionError("they would cost time")
+
+    optimizer = make(choice)
+    optimizer.observe(
+        TrainingProgress(50.0, 24, COSTS, goal_share=1.0, policy_gradients=policy_gradients)
+    )
+    optimizer.update(*returns(0))
 
 
 @pytest.mark.parametrize("choice", [*SEARCHES, "random"])
@@ -80,24 +111,23 @@ def test_a_saved_optimizer_continues_bit_for_bit(
 ) -> None:
     alone = make(choice, seed=3, **settings)
     for iteration in range(2):
-        alone.observe(TrainingProgress(50.0, 24, mean_terms=COSTS))
-        alone.update(*returns(iteration))
+        asked(alone, iteration)
     torch.save(alone.state_dict(), tmp_path / "optimizer.pt")
-    expected = [alone.update(*returns(iteration)) for iteration in (2, 3)]
+    expected = [asked(alone, iteration) for iteration in (2, 3)]
 
     resumed = make(choice, seed=99, **settings)
     resumed.load_state_dict(torch.load(tmp_path / "optimizer.pt", weights_only=True))
-    found = [resumed.update(*returns(iteration)) for iteration in (2, 3)]
+    found = [asked(resumed, iteration) for iteration in (2, 3)]
     assert all(same(a, b) for a, b in zip(expected, found, strict=True))
 
 
 @pytest.mark.parametrize("choice", CHOICES)
 def test_a_saved_state_does_not_change_afterwards(choice: str) -> None:
     optimizer = make(choice)
-    optimizer.update(*returns(0))
+    asked(optimizer, 0)
     state = optimizer.state_dict()
     before = {name: value.clone() for name, value in state.items()}
-    update = optimizer.update(*returns(1))
+    update = asked(optimizer, 1)
     update.weights.zero_()
     assert all(torch.equal(state[name], before[name]) for name in before)
     assert set(state) == set(before)
@@ -109,7 +139,7 @@ def test_changing_the_returned_weights_does_not_reach_the_optimizer(
 ) -> None:
     touched, untouched = make(choice, seed=3, **settings), make(choice, seed=3, **settings)
     for iteration in range(3):
-        one, other = touched.update(*returns(iteration)), untouched.update(*returns(iteration))
+        one, other = asked(touched, iteration), asked(untouched, iteration)
         assert same(one, other)
         one.weights.zero_()
     saved = untouched.state_dict()
@@ -119,7 +149,7 @@ def test_changing_the_returned_weights_does_not_reach_the_optimizer(
 @pytest.mark.parametrize("choice", CHOICES)
 def test_the_global_generators_are_left_alone(choice: str) -> None:
     before = torch.get_rng_state(), np.random.get_state()[1].copy(), random.getstate()  # noqa: NPY002
-    make(choice).update(*returns(0))
+    asked(make(choice), 0)
     assert torch.equal(torch.get_rng_state(), before[0])
     assert (np.random.get_state()[1] == before[1]).all()  # noqa: NPY002
     assert random.getstate() == before[2]
@@ -129,8 +159,8 @@ def test_the_global_generators_are_left_alone(choice: str) -> None:
 def test_the_order_of_the_environments_does_not_matter(choice: str) -> None:
     goal_return, term_returns = returns(0)
     shuffled = torch.randperm(200, generator=torch.Generator().manual_seed(0))
-    one = make(choice).update(goal_return, term_returns)
-    other = make(choice).update(goal_return[shuffled], term_returns[shuffled])
+    one = asked(make(choice), 0)
+    other = asked(make(choice), 0, (goal_return[shuffled], term_returns[shuffled]))
     assert same(one, other)
 
 
@@ -146,7 +176,7 @@ def test_the_state_of_another_kind_of_optimizer_is_refused(choice: str) -> None:
         make(choice).load_state_dict({"swarm": torch.zeros(1)})
 
 
-@pytest.mark.parametrize("choice", [*SEARCHES, "random"])
+@pytest.mark.parametrize("choice", [*SEARCHES, "random", "gradnorm", "meta_gradient"])
 def test_the_state_for_another_number_of_terms_is_refused(choice: str) -> None:
     with pytest.raises(ValueError, match=r"shape \(4,\), this one has 5 terms"):
         make(choice).load_state_dict(make(choice, num_terms=4).state_dict())
@@ -172,7 +202,7 @@ def test_bad_settings_are_refused(choice: str, settings: dict[str, Any], message
 def test_weights_stay_within_other_bounds(choice: str) -> None:
     optimizer = make(choice, lower=0.25, upper=0.5)
     for iteration in range(2):
-        weights = optimizer.update(*returns(iteration)).weights
+        weights = asked(optimizer, iteration).weights
         assert ((weights >= 0.25) & (weights <= 0.5)).all()
 
 

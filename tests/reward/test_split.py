@@ -66,6 +66,15 @@ def test_compose_by_hand(split: RewardSplit) -> None:
     torch.testing.assert_close(reward[0, :, 0], torch.tensor([-0.5, -3.0]))
 
 
+def test_rewards_apart_by_hand_and_as_they_are_composed(split: RewardSplit) -> None:
+    # 0.5 s times: goal 1 * 1 + 0.5 * 2 and 0.5 * 4; costs -10 * 0.5, -10 * 1 and -2 * 1, -2 * 3.
+    apart = split.rewards_apart(RAW)
+    assert apart.tolist() == [[[1.0, -2.5, -1.0], [1.0, -5.0, -3.0]]]
+    weights = torch.tensor([0.2, 1.0])
+    composed = apart[..., :1] + (apart[..., 1:] @ weights)[..., None]
+    torch.testing.assert_close(composed, split.compose(RAW, weights))
+
+
 def test_the_composed_reward_sums_to_the_total_return(split: RewardSplit) -> None:
     generator = torch.Generator().manual_seed(0)
     raw = torch.rand(5, 24, 4, generator=generator, dtype=torch.float64)

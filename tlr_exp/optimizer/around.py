@@ -77,11 +77,12 @@ class Reweighted(Around):
         """The weights to use in place of those that `inner` has chosen [num_terms]."""
 
     def update(self, goal_return: Tensor, term_returns: Tensor) -> WeightUpdate:
-        """The changed weights; evaluations and the optimal share are those of `inner`."""
+        """The changed weights; evaluations, the optimal share and details are those of `inner`."""
         found = self.parts["inner"].update(goal_return, term_returns)
         self._weights = self.changed(found.weights.to(self.device))
         ours = super().update(goal_return, term_returns)
-        return replace(ours, evaluations=found.evaluations, optimal_share=found.optimal_share)
+        kept = {name: getattr(found, name) for name in ("evaluations", "optimal_share", "details")}
+        return replace(ours, **kept)
 
     def search(self, objective_fn: WeightFunction) -> SearchResult:
         """The changed weights, whatever their J."""

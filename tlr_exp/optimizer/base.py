@@ -118,6 +118,7 @@ class ChosenWeights(ABC):
             baseline_objective=objective_fn(static_weights).item(),
             evaluations=result.evaluations,
             optimal_share=result.optimal_share,
+            details=result.details,
         )
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,11 +1,13 @@
 """What the training loop knows of a weight optimizer, and nothing more."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from torch import Tensor
+
+from tlr_exp.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class WeightUpdate:
             the choice does not depend on J.
         optimal_share: share of the last pack whose J equals the best J found; 1.0 for an
             optimizer without a pack. Near 1, the tie-break decides which weights are returned.
+        details: numbers of this optimizer's own, by name, to be recorded with the iteration.
     """
 
     weights: Tensor
@@ -28,6 +31,43 @@ class WeightUpdate:
     baseline_objective: float
     evaluations: int
     optimal_share: float
+    details: Mapping[str, float] = field(default_factory=dict)
+
+
+class PolicyGradients(Protocol):
+    """How the present policy would have to change for more of each part of the reward.
+
+    Gradients, by the actor's parameters, of the surrogate objectives
+
+        J_k(theta) = mean over steps of pi_theta(a | s) / pi(a | s) * A_k(s, a),
+
+    of the goal reward and of each optimizing term at weight 1, on the batch of this iteration. The
+    advantages A_k are linear in the reward, so that the gradient for the reward at weights w is
+    goal + w @ terms.
+    """
+
+    @property
+    def goal(self) -> Tensor:
+        """Gradient of the goal's objective at the present policy [num_parameters]."""
+        ...
+
+    @property
+    def terms(self) -> Tensor:
+        """Gradient of each term's objective at the present policy [num_terms, num_parameters]."""
+        ...
+
+    def goal_after(self, step: Tensor) -> Tensor:
+        """Gradient of the goal's objective where a step [num_parameters] leads to."""
+        ...
+
+    def halves(self) -> tuple["PolicyGradients", "PolicyGradients"]:
+        """The same of one half of the trajectories and of the other."""
+        ...
+
+
+def no_policy() -> PolicyGradients:
+    """What stands for gradients where there is no policy, as in a study of returns alone."""
+    raise UserError("this optimizer weighs terms by their policy gradients, and was told of none")
 
 
 @dataclass(frozen=True)
@@ -42,6 +82,8 @@ class TrainingProgress:
             order of the weights.
         goal_share: mean goal reward of a step in this batch, as a share of perfect tracking's.
         stage_weights: weights of terms that the present stage of a curriculum sets, by name.
+        policy_gradients: gives the policy gradients of this batch. They are computed when this is
+            called, which must be before the policy learns from the batch: until `update` returns.
     """
 
     mean_episode_length: float
@@ -49,6 +91,7 @@ class TrainingProgress:
     mean_terms: Mapping[str, float] = field(default_factory=dict)
     goal_share: float = math.nan
     stage_weights: Mapping[str, float] = field(default_factory=dict)
+    policy_gradients: Callable[[], PolicyGradients] = field(default=no_policy, compare=False)
 
 
 class WeightOptimizer(Protocol):

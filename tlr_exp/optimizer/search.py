@@ -7,8 +7,8 @@ stated tie-break, which decides among equal values alone:
 - `largest_norm`: the one with the largest Euclidean norm, the most shaping; of these the first.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import torch
@@ -63,6 +63,7 @@ class SearchResult:
         pack: the last pack of positions [pack, dims].
         pack_values: the function at these positions [pack].
         evaluations: positions at which the function was computed in order to choose.
+        details: numbers of the search's own, by name, to be recorded.
     """
 
     position: Tensor
@@ -70,6 +71,7 @@ class SearchResult:
     pack: Tensor
     pack_values: Tensor
     evaluations: int
+    details: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def optimal_share(self) -> float:
@@ -77,10 +79,14 @@ class SearchResult:
         return (self.pack_values == self.value).double().mean().item()
 
 
-def unsearched(weights: Tensor, objective_fn: Callable[[Tensor], Tensor]) -> SearchResult:
+def unsearched(
+    weights: Tensor,
+    objective_fn: Callable[[Tensor], Tensor],
+    details: Mapping[str, float] | None = None,
+) -> SearchResult:
     """The result where weights [num_terms] are chosen without a look at J, which is recorded."""
     values = objective_fn(weights[None])
-    return SearchResult(weights, values.item(), weights[None], values, evaluations=0)
+    return SearchResult(weights, values.item(), weights[None], values, 0, details or {})
 
 
 def best_first(positions: Tensor, values: Tensor, tie_break: TieBreak) -> Tensor:

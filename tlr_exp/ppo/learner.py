@@ -4,7 +4,7 @@ What it learns from is a batch [num_envs, num_steps] whose ``("next", "reward")`
 composed; how, it does not know.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +19,8 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 from tlr_exp import keys
 from tlr_exp.config.settings import PpoSettings
 from tlr_exp.errors import UserError
-from tlr_exp.ppo.networks import GaussianHead, in_float32, update_norms
+from tlr_exp.ppo.networks import GaussianHead, in_float32, noted_features, update_norms
+from tlr_exp.ppo.policy_gradients import BatchGradients, advantages_apart, linear_values
 
 # States that the critic values at a time: for 4096 x 24 at once its activations take a gigabyte.
 VALUE_ROWS = 12288
@@ -101,23 +102,25 @@ class Ppo:
             self.settings.gamma,
             self.settings.gae_lambda,
             batch["state_value"],
-            self._values_after(batch["state_value"], after),
+            self._after(batch["state_value"], after, self._values),
             after[keys.REWARD],
             done=after[keys.DONE],
             terminated=after[keys.TERMINATED],
         )
         batch["advantage"] = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
 
-    def _values_after(self, values: Tensor, after: TensorDictBase) -> Tensor:
-        """The critic's values [num_envs, num_steps, 1] of the states in which the steps ended.
+    def _after(
+        self, values: Tensor, after: TensorDictBase, ask: Callable[[TensorDictBase], Tensor]
+    ) -> Tensor:
+        """What the critic tells [num_envs, num_steps, n] of the states in which the steps ended.
 
-        Within an episode that state is where the next step begins, whose value is known: only
-        where an episode or the batch ends is the critic asked again.
+        Within an episode that state is where the next step begins, of which it has told ``values``:
+        only where an episode or the batch ends is the critic asked again.
         """
         cut = after[keys.DONE].squeeze(-1).clone()
         cut[:, -1] = True
         values_after = values.roll(-1, dims=1)
-        values_after[cut] = self._values(after.select(*self.critic.in_keys)[cut])
+        values_after[cut] = ask(after.select(*self.critic.in_keys)[cut])
         return values_after
 
     def _values(self, states: TensorDictBase) -> Tensor:
@@ -127,6 +130,29 @@ class Ppo:
         with in_float32(self.critic):
             values = [self.critic(part)["state_value"] for part in rows.split(VALUE_ROWS)]
         return torch.cat(values).reshape(*states.batch_size, 1)
+
+    @torch.no_grad()
+    def policy_gradients(self, batch: TensorDictBase, rewards: Tensor) -> BatchGradients:
+        """Gradients of the policy that collected ``batch`` [num_envs, num_steps], by reward.
+
+        ``rewards`` are [num_envs, num_steps, num_rewards], the goal's first.
+        """
+        gamma, gae_lambda = self.settings.gamma, self.settings.gae_lambda
+        after: TensorDictBase = batch.get("next")
+        done, terminated = after[keys.DONE], after[keys.TERMINATED]
+        features = self._features(batch)
+        features_after = self._after(features, after, self._features)
+        values = linear_values(features, features_after, rewards, terminated, gamma)
+        advantages = advantages_apart(rewards, values, done, terminated, gamma, gae_lambda)
+        samples = batch.select(keys.OBSERVATION, keys.ACTION, "action_log_prob")
+        return BatchGradients(self.actor, samples, advantages)
+
+    def _features(self, states: TensorDictBase) -> Tensor:
+        """What the critic's last layer sees of ``states`` [...], and a 1 [..., num_features]."""
+        with noted_features(self.critic) as seen:
+            self._values(states)
+        features = torch.nn.functional.pad(torch.cat(seen), (0, 1), value=1.0)
+        return features.reshape(*states.batch_size, -1)
 
     def update(self, batch: TensorDictBase, progress: float = 0.0) -> PpoDiagnostics:
         """Improve actor and critic on ``batch`` [num_envs, num_steps]; then renew the norms.

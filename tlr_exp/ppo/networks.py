@@ -170,6 +170,18 @@ def in_float32(network: nn.Module) -> Iterator[None]:
             module.precision = precision
 
 
+@contextmanager
+def noted_features(network: nn.Module) -> Iterator[list[Tensor]]:
+    """A list that gets what the last layer of ``network`` sees, pass by pass [n, num_features]."""
+    *_, last = (module for module in network.modules() if isinstance(module, nn.Linear))
+    seen: list[Tensor] = []
+    hook = last.register_forward_pre_hook(lambda _module, inputs: seen.append(inputs[0]))
+    try:
+        yield seen
+    finally:
+        hook.remove()
+
+
 def _norm(size: int, settings: PpoSettings) -> nn.Module:
     return RunningNorm(size) if settings.normalize_observations else nn.Identity()
 

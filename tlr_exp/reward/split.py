@@ -94,6 +94,24 @@ class RewardSplit:
         per_term = reward_terms.sum(dim=1) * self._coefficients_like(reward_terms)
         return per_term[:, self._goal].sum(dim=1), per_term[:, self._optimizing]
 
+    def rewards_apart(self, reward_terms: Tensor) -> Tensor:
+        """The parts of every step's reward: `compose` at weights w is goal + terms @ w.
+
+        Args:
+            reward_terms: raw values [num_envs, num_steps, num_terms], in order of `term_names`.
+
+        Returns:
+            rewards [num_envs, num_steps, 1 + num_optimizing]: the goal reward, then the signed
+            share of each optimizing term at weight 1.
+
+        Raises:
+            ValueError: the shape does not fit the terms of this split.
+        """
+        self._check_reward_terms(reward_terms)
+        per_term = reward_terms * self._coefficients_like(reward_terms)
+        goal = per_term[..., self._goal].sum(dim=-1, keepdim=True)
+        return torch.cat((goal, per_term[..., self._optimizing]), dim=-1)
+
     def compose(self, reward_terms: Tensor, weights: Tensor) -> Tensor:
         """The reward of every step at the given weights.
 

@@ -13,7 +13,12 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from tlr_exp import keys
-from tlr_exp.optimizer.protocol import TrainingProgress, WeightOptimizer, WeightUpdate
+from tlr_exp.optimizer.protocol import (
+    PolicyGradients,
+    TrainingProgress,
+    WeightOptimizer,
+    WeightUpdate,
+)
 from tlr_exp.ppo.learner import Ppo, PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.shaping import Shaping
@@ -77,7 +82,7 @@ class Trainer:
         returns = self.split.returns(self.trajectories(steps))
         mean_terms = _mean_terms(self.split.term_names, batch["next", keys.REWARD_TERMS])
         with self._timed("weights"):
-            self.weight_optimizer.observe(self._progress(mean_terms, num_steps=batch.shape[1]))
+            self.weight_optimizer.observe(self._progress(batch, terms, mean_terms))
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
@@ -97,14 +102,22 @@ class Trainer:
         terminated = batch["next", keys.TERMINATED].squeeze(-1)
         return self.shaping(terms, batch[keys.STATE_COSTS], terminated)
 
-    def _progress(self, mean_terms: Mapping[str, float], num_steps: int) -> TrainingProgress:
+    def _progress(
+        self, batch: TensorDictBase, terms: Tensor, mean_terms: Mapping[str, float]
+    ) -> TrainingProgress:
         """The facts about the training that a weight optimizer may use, apart from the returns."""
+
+        def policy_gradients() -> PolicyGradients:
+            rewards = self.split.rewards_apart(terms)
+            return self.ppo.policy_gradients(batch, rewards)
+
         return TrainingProgress(
             mean_episode_length=self.episodes.mean_length,
-            num_steps=num_steps,
+            num_steps=batch.shape[1],
             mean_terms={name: mean_terms[name] for name in self.split.optimizing_names},
             goal_share=self.split.goal_share(mean_terms),
             stage_weights=self.stage_weights,
+            policy_gradients=policy_gradients,
         )
 
     def _metrics(
@@ -133,6 +146,7 @@ class Trainer:
             keys.STEP_REWARD: after[keys.REWARD].mean().item(),
             **{keys.REWARD_TERM_PREFIX + name: value for name, value in mean_terms.items()},
             **_named(keys.WEIGHT_PREFIX, self.split.optimizing_names, found.weights),
+            **{keys.OPTIMIZER_PREFIX + name: value for name, value in found.details.items()},
             **{keys.PPO_PREFIX + name: value for name, value in asdict(diagnostics).items()},
             **{f"{keys.TIME_PREFIX}{name}_s": value for name, value in self.seconds.items()},
         }
