@@ -38,7 +38,7 @@ PRESETS = {
     "five_seeds": (seeds(5, ["fixed", "gwo"]), ("optimizer",)),
     "controls": (seeds(5, CONTROLS), ("optimizer",)),
     "rivals": (seeds(5, RIVALS), ("optimizer",)),
-    "readings": (seeds(1, READINGS, "reading"), ("reading",)),
+    "readings": ([f"reading={reading}" for reading in READINGS], ("reading",)),
     "which_optimizer": (seeds(3, OPTIMIZERS), ("optimizer",)),
     "which_objective": (seeds(3, OBJECTIVES, "reward/objective"), ("reward/objective",)),
     "penalty_scale": (
