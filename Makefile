@@ -61,7 +61,7 @@ PYTEST := $(BIN)/python -m pytest -rs -n auto --maxprocesses 8 --dist loadfile -
 test: $(INSTALLED) ## The test suite, one process a core (slow and gpu tests apart: ARGS='-m slow')
 	$(PYTEST) $(ARGS)
 
-test-fast: $(INSTALLED) ## Most of it within a minute, after every edit: no whole runs, no servers, no pictures
+test-fast: $(INSTALLED) ## Most of it within a minute, after every edit: no runs, servers, pictures or simulated studies
 	$(PYTEST) --fast $(ARGS)
 
 cluster-tools: $(INSTALLED) ## Install SLURM, its accounts and Ray for test-cluster (Debian or Ubuntu, as root)

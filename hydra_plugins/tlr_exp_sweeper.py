@@ -1,9 +1,7 @@
-"""Where Hydra hands a sweep over: ``tlr-train -m`` is this sweeper (conf/hydra/sweeper).
+"""The sweeper to which Hydra hands ``tlr-train -m`` over (conf/hydra/sweeper).
 
 Hydra takes sweepers from the namespace ``hydra_plugins`` alone, and loads all of it at every start.
 """
-
-from __future__ import annotations
 
 import sys
 import traceback

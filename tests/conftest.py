@@ -43,11 +43,14 @@ hypothesis.settings.register_profile("no_deadline", deadline=None)
 hypothesis.settings.load_profile("no_deadline")
 
 # Where tests train, serve, draw or start commands. Those that take longest come first, so that no
-# core waits for them at the end; `--fast` leaves all of them out.
+# core waits for them at the end; `--fast` leaves all of them out, what is marked `simulation`, and
+# what compares with mealpy, whose searches take seconds.
 LONG = (
     *("integration", "training", "commands", "mlflow_sync", "benchmarks", "motion/authoring"),
     *("export", "pictures", "analysis/report", "analysis/figures", "analysis/commands"),
-    *("analysis/data/test_load.py", "ppo/test_learning.py", "machine/test_terminal.py"),
+    *("analysis/data/test_load.py", "analysis/test_several_motions.py", "ppo/test_learning.py"),
+    *("machine/test_terminal.py", "sweeps/test_plan.py", "motion/importers/test_plausible.py"),
+    "motion/importers/test_hostile.py",
     *("evaluation", "viewing", "physics", "cluster"),
 )
 
@@ -57,7 +60,9 @@ PELVIS_HEIGHT_M = 0.78
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--fast", action="store_true", help="leave out what trains, serves or draws")
+    parser.addoption(
+        "--fast", action="store_true", help="leave out what trains, serves, draws or simulates"
+    )
 
 
 def pytest_configure() -> None:
@@ -83,8 +88,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if config.option.fast and rank(collection_path) < len(LONG) else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: rank(item.path))
+    if config.option.fast:
+        config.hook.pytest_deselected(items=[item for item in items if _takes_seconds(item)])
+        items[:] = [item for item in items if not _takes_seconds(item)]
+
+
+def _takes_seconds(item: pytest.Item) -> bool:
+    return item.get_closest_marker("simulation") is not None or "mealpy" in item.nodeid
 
 
 def rank(path: Path) -> int:

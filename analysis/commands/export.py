@@ -1,7 +1,5 @@
 """tlr-export: write the runs of a study as tables that can be published and analysed again."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys

@@ -1,7 +1,5 @@
 """``tlr-report``: from the runs of a study, or from exported tables, to the report."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence

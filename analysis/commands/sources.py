@@ -1,6 +1,4 @@
-"""Which runs make a study: the arguments that commands share, and the study they ask for."""
-
-from __future__ import annotations
+"""Arguments that say which runs make a study, shared by commands, and the study they ask for."""
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.data.check import checked, rechecked, several_motions
+from analysis.data.check import checked, rechecked
 from analysis.data.motions import checked_by_motion, with_the_same_arms
 from analysis.data.publishable import publishable
 from analysis.data.run_directories import arms_of_sweep, from_run_directories
@@ -27,18 +25,6 @@ from tlr_exp.mlflow_sync.tracking_uri import STORE, default_tracking_uri
 from tlr_exp.records.places import plain_text
 
 RUNS_DIR = Path("runs")  # where the store is looked for unless a URI is given
-
-
-def load_study(*sources: Any, **choices: Any) -> Study:
-    """The one study that `load_studies` finds.
-
-    Raises:
-        StudyError: as `load_studies`, or runs of several motions.
-    """
-    studies = load_studies(*sources, **choices)
-    if len(studies) > 1:
-        raise several_motions(studies)
-    return next(iter(studies.values()))
 
 
 def load_studies(

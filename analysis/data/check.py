@@ -1,7 +1,5 @@
 """From runs as they were found to a study: refuse what cannot be compared, note what differs."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -113,15 +111,10 @@ def _of_one_motion(
     if motion and motion not in motions:
         raise StudyError(f"no run has the motion {motion!r}; there are {', '.join(motions)}")
     if not motion and len(motions) > 1 and not covers(ignore, MOTION):
-        raise several_motions(motions)
+        raise StudyError(
+            f"runs of several motions cannot be compared: {', '.join(motions)}", Remedy.ONE_MOTION
+        )
     return [record for record in records if not motion or record.motion == motion]
-
-
-def several_motions(motions: Iterable[str]) -> StudyError:
-    """The error of runs that are no one study."""
-    return StudyError(
-        f"runs of several motions cannot be compared: {', '.join(motions)}", Remedy.ONE_MOTION
-    )
 
 
 def rechecked(study: Study) -> Study:

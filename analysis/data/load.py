@@ -1,7 +1,5 @@
 """The runs of a study out of an MLflow store. Importing it imports MLflow, which takes seconds."""
 
-from __future__ import annotations
-
 import json
 import math
 import sqlite3

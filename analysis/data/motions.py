@@ -1,7 +1,5 @@
 """A study on several motions: one study for each, with the same arms."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any

@@ -4,8 +4,6 @@ Machines are numbered, so that it still shows which runs shared one. Command lin
 configurations lose the places that they name (tlr_exp.records.places); models of processors stay.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Reading the runs that lie on disk as training leaves them (docs/architecture.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One run as it was found, wherever it was found: what a study is checked and made from."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,6 +16,13 @@ from tlr_exp.errors import UserError
 from tlr_exp.keys import ITERATION
 
 DIRTY = "-dirty"  # behind a commit: the source had local changes
+# Columns of `Study.runs` that a record has as they are, as JSON, and by counting.
+_PLAIN = (
+    *("run_id", "method", "seed", "status", "scale", "motion", "device", "commit", "created_at"),
+    *("identity", "host", "cpu_model", "command"),
+)
+_JSON = ("packages", "config")
+_COUNTED = ("num_envs", "iterations", "control_steps")
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +159,7 @@ def records_of(study: Study) -> list[RunRecord]:
     """
     problems = [
         f"{name}: its {column} is {text[:40]!r}; it must be a JSON object"
-        for column in ("packages", "config")
+        for column in _JSON
         for name, text in zip(study.runs.index, study.runs[column].tolist(), strict=True)
         if not _is_json_object(text)
     ]
@@ -164,18 +169,12 @@ def records_of(study: Study) -> list[RunRecord]:
     records = []
     for name, run in rows_of(study.runs).items():
         curve = curves[name].drop(columns=[RUN, "arm", "seed"]).sort_values(ITERATION)
-        names = ("run_id", "method", "status", "scale", "motion", "device", "commit")
-        more = ("created_at", "identity", "host", "cpu_model")
-        texts = {key: run[key] for key in (*names, *more)}
         records.append(
             RunRecord(
                 name=name,
-                seed=run["seed"],
-                command=run["command"],
-                packages=json.loads(run["packages"]),
-                config=json.loads(run["config"]),
+                **{key: run[key] for key in _PLAIN},
+                **{key: json.loads(run[key]) for key in _JSON},
                 curve=curve.reset_index(drop=True),
-                **texts,
             )
         )
     return records
@@ -189,10 +188,8 @@ def _is_json_object(text: str) -> bool:
 
 
 def _row(arm: str, record: RunRecord) -> dict[str, Any]:
-    names = ("run_id", "method", "seed", "status", "scale", "motion", "device", "commit")
-    more = ("created_at", "identity", "num_envs", "iterations", "control_steps", "host")
-    values = {name: getattr(record, name) for name in (*names, *more, "cpu_model", "command")}
-    texts = {name: json.dumps(getattr(record, name)) for name in ("packages", "config")}
+    values = {key: getattr(record, key) for key in (*_PLAIN, *_COUNTED)}
+    texts = {key: json.dumps(getattr(record, key)) for key in _JSON}
     return {RUN: record.name, "arm": arm, **values, **texts}
 
 

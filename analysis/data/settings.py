@@ -1,7 +1,5 @@
 """Configurations compared: which keys may differ, which do, and what to call the arms."""
 
-from __future__ import annotations
-
 import difflib
 import json
 from collections import Counter
@@ -9,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from analysis.data.runs import RunRecord
+from tlr_exp.config.checks import is_number
 from tlr_exp.config.nested import covers, flat, value_at
 
 OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
@@ -129,7 +128,7 @@ def _comparable(value: Any) -> str:
     """
     if isinstance(value, list):
         return f"[{','.join(map(_comparable, value))}]"
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if is_number(value):
         return repr(float(value))
     return "" if value is ABSENT or value is None else json.dumps(value)
 

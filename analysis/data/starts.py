@@ -4,8 +4,6 @@ One row per run and start phase, numbers as float64, NaN where a roll-out lacks 
 measures there are is up to the file: every column of numbers is taken.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterable, Iterator, Sequence

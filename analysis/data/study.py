@@ -1,7 +1,5 @@
 """A study: runs that differ in what is compared (the arm) and in the seed, as two tidy frames."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""What a figure function returns, and what its caption says about the data."""
+"""The drawing that a figure function returns, and the words of captions about the data."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""How often each protocol finds a difference where there is none."""
+"""Bars of how often each protocol finds a difference where there is none."""
 
 from collections.abc import Mapping
 

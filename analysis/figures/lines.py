@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -10,7 +11,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from analysis.figures.series import Series
 from analysis.figures.style import ArmLook, legend_above
-from tlr_exp.errors import UserError
 
 ITERATION_LABEL = "PPO iteration"
 BAND_ALPHA = 0.18
@@ -148,16 +148,5 @@ def _axes_height_in(axes: Axes) -> float:
 
 
 def moving_average(values: np.ndarray, window: int) -> np.ndarray:
-    """Centred moving average of [..., T] along the last axis; shorter windows at both ends.
-
-    Raises:
-        ValueError: the window is not an odd number of iterations, at least 1.
-    """
-    if window < 1 or window % 2 == 0:
-        raise UserError(f"window is {window}; it must be odd and at least 1")
-    half, length = window // 2, values.shape[-1]
-    zero = np.zeros((*values.shape[:-1], 1))
-    sums = np.concatenate([zero, np.cumsum(values, axis=-1)], axis=-1)
-    index = np.arange(length)
-    start, stop = np.maximum(index - half, 0), np.minimum(index + half + 1, length)
-    return (sums[..., stop] - sums[..., start]) / (stop - start)
+    """Moving average of [T], centred if the window is odd; shorter windows at both ends."""
+    return pd.Series(values).rolling(window, center=True, min_periods=1).mean().to_numpy()

@@ -30,7 +30,6 @@ BLACK = "#000000"
 ORANGE = "#E69F00"
 SKY_BLUE = "#56B4E9"
 GREEN = "#009E73"
-YELLOW = "#F0E442"
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"
 PURPLE = "#CC79A7"
@@ -64,7 +63,6 @@ STYLE: dict[str, Any] = {
     "hatch.linewidth": 0.5,
     "hatch.color": "white",
     "axes.formatter.limits": (-4, 5),
-    "axes.formatter.use_mathtext": True,
     "path.simplify_threshold": 0.2,  # of a pixel: smaller files, no difference to be seen
     "svg.hashsalt": "tlr_exp",  # the ids inside an SVG are hashes with this salt
     "svg.fonttype": "path",  # looks the same on machines without the font
@@ -183,6 +181,13 @@ def legend_columns(labels: Sequence[str], width_in: float) -> int:
 def panel_letter(axes: Axes, letter: str, title: str) -> None:
     """Title of a panel, at its left: "(a) Upper body"."""
     axes.set_title(f"({letter}) {title}", loc="left")
+
+
+@styled
+def settle(figure: Figure) -> None:
+    """Lay a figure out for good: all its files then have everything in one place, and sooner."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
 
 
 @styled

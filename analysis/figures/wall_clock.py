@@ -1,4 +1,4 @@
-"""Where the time of an iteration goes; Figure 15: what the weight search takes of it."""
+"""Bars of where the time of an iteration goes; Figure 15: what the weight search takes of it."""
 
 from dataclasses import dataclass
 

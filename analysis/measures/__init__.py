@@ -1,1 +1,1 @@
-"""What is measured on a study: quantities, endpoints, trade-offs."""
+"""Measures of a study: quantities, endpoints, trade-offs."""

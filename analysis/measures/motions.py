@@ -1,6 +1,4 @@
-"""What is compared over several motions: one number per run, motion by motion."""
-
-from __future__ import annotations
+"""Measures to compare over several motions: one number per run, motion by motion."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

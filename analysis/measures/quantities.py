@@ -1,4 +1,4 @@
-"""What the metrics of a study are: name in words, unit, and which way is better."""
+"""Describes the metrics of a study: name in words, unit, and which way is better."""
 
 from dataclasses import dataclass
 

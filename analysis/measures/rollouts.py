@@ -1,11 +1,9 @@
-"""How the runs of a study move without exploration noise: one number per run and measure.
+"""Measures how runs move without exploration noise: one number per run and measure.
 
 From the roll-outs of many start phases where the study has them (``Study.starts``), else from the
 last evaluation during training that all runs have. Measures carry the names of the columns of
 starts.csv, and terms of the lower layer are raw means under ``reward_term/NAME``.
 """
-
-from __future__ import annotations
 
 import json
 from collections.abc import Mapping

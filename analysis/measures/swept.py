@@ -1,16 +1,15 @@
 """Studies that sweep a number: which configuration key it is, and which arm has which value."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from analysis.data.settings import SEED
 from analysis.data.study import Study
 from analysis.measures.endpoints import tail_mean
+from tlr_exp.config.checks import is_number
 from tlr_exp.config.identity import NOT_IDENTITY
 from tlr_exp.config.nested import covers, flat
 from tlr_exp.config.versions import of_any_version
@@ -52,7 +51,7 @@ def sweep_of(study: Study) -> Sweep | None:
     (key,) = differing
     swept = {method: arms for method, arms in arms_of.items() if len(arms) > 1}
     given = {arm: configs[arm].get(key) for arms in swept.values() for arm in arms}
-    values = {arm: float(value) for arm, value in given.items() if _is_number(value)}
+    values = {arm: float(value) for arm, value in given.items() if is_number(value)}
     if len(values) < len(given):
         return None
     return Sweep(
@@ -86,7 +85,3 @@ def _differing(configs: dict[str, dict[str, Any]], arms: list[str]) -> set[str]:
     """Keys whose value is not the same in all these arms."""
     names = {key for arm in arms for key in configs[arm]}
     return {key for key in names if len({repr(configs[arm].get(key)) for arm in arms}) > 1}
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)

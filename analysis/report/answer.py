@@ -1,6 +1,4 @@
-"""What a report says first: the answer in three sentences, and the longer list behind it."""
-
-from __future__ import annotations
+"""Writes what a report says first: the answer in three sentences, the longer list behind it."""
 
 import json
 import math

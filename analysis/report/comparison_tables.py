@@ -156,7 +156,7 @@ def _left_out(evidence: Evidence) -> list[str]:
     absent = [
         quantity(metric).name
         for metric in (*TRAINING, *EVALUATION)
-        if metric in evidence.metric_names and not evidence.has(metric)
+        if metric in evidence.study.metric_names and not evidence.has(metric)
     ]
     return [f"Without an iteration in which all runs have it: {_list(absent)}"] if absent else []
 

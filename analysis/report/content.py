@@ -1,6 +1,4 @@
-"""What a report says, gathered from a study; `pages` lays it out."""
-
-from __future__ import annotations
+"""Gathers what a report says from a study; `pages` lays it out."""
 
 import io
 import json
@@ -19,7 +17,7 @@ from analysis.data.study import Study
 from analysis.figures.catalogue import ALL_FIGURES
 from analysis.figures.drawing import Drawing, NotDrawnError
 from analysis.figures.false_positives import figure_false_positives
-from analysis.figures.style import render, styled
+from analysis.figures.style import render, settle, styled
 from analysis.report import answer, sections
 from analysis.report.answer import CARRIERS
 from analysis.report.evidence import Evidence
@@ -147,6 +145,7 @@ def draw_all(
 
 def picture_of(drawing: Drawing, paper: str = "") -> Picture:
     """A drawing as files; `paper` is what it is there."""
+    settle(drawing.figure)
     files = render(drawing.figure, "svg"), render(drawing.figure, "png")
     width = drawing.figure.get_figwidth()
     return Picture(drawing.stem, drawing.title, drawing.caption, paper, width, *files)

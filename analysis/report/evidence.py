@@ -1,7 +1,5 @@
 """A study as a comparison of two arms: the numbers that claims and tables are made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +11,7 @@ from analysis.measures.quantities import Quantity, quantity
 from analysis.measures.rollouts import Rollouts, rollouts
 from analysis.statistics.autocorrelation import autocorrelation
 from analysis.statistics.comparison import Comparison, compare
-from analysis.statistics.intervals import difference_interval, relative_improvement_interval
+from analysis.statistics.intervals import relative_improvement_interval
 from analysis.statistics.paper import PaperAnalysis, paper_analysis
 from analysis.statistics.results import Array, Interval
 from tlr_exp import keys
@@ -67,13 +65,9 @@ class Evidence:
         baseline, treatment = self.labels
         return f"{treatment} against {baseline}"
 
-    @property
-    def metric_names(self) -> tuple[str, ...]:
-        return self.study.metric_names
-
     def has(self, metric: str) -> bool:
         """Whether there is an iteration in which every run of both arms has the metric."""
-        if metric not in self.metric_names:
+        if metric not in self.study.metric_names:
             return False
         runs = self.study.runs["arm"].isin([self.baseline, self.treatment])
         rows = self.study.curves[self.study.curves["arm"].isin([self.baseline, self.treatment])]
@@ -116,7 +110,7 @@ class Evidence:
 
     def treatment_sum(self, metric: str) -> float:
         """The sum of a metric over all runs of the treatment, wherever it was measured; else 0."""
-        if metric not in self.metric_names:
+        if metric not in self.study.metric_names:
             return 0.0
         curves = self.study.curves
         return float(np.nansum(curves.loc[curves["arm"] == self.treatment, metric].to_numpy()))
@@ -169,10 +163,6 @@ class Evidence:
         reach = stats.t.ppf((1 + confidence) / 2, freedom) * np.sqrt(parts.sum()) / first.mean()
         change = ratio - 1 if quantity(metric).larger_is_better else 1 - ratio
         return float(change - reach), float(change + reach)
-
-    def difference(self, baseline: Array, treatment: Array) -> Interval:
-        """Welch's interval of mean(treatment) - mean(baseline)."""
-        return difference_interval(baseline, treatment)
 
     @cached_property
     def rollouts(self) -> Rollouts | None:

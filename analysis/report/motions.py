@@ -1,6 +1,4 @@
-"""What a report on several motions says before the reports on each of them."""
-
-from __future__ import annotations
+"""Gathers what a report on several motions says before the reports on each of them."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What two arms are compared in: every metric at its endpoints, over the seeds."""
+"""Compares two arms in every metric at its endpoints, over the seeds."""
 
 import math
 from collections.abc import Callable, Iterable

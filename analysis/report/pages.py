@@ -1,7 +1,5 @@
 """Writes a report: one self-contained page, the same in Markdown, figures, LaTeX, and JSON."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

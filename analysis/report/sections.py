@@ -1,7 +1,5 @@
 """The parts of a report, one after the other: tables with the words that they need."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""How much neighbouring iterations of a curve depend on each other."""
+"""Measures how much neighbouring iterations of a curve depend on each other."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,12 +52,3 @@ def integrated_time(series: ArrayLike) -> float:
     initial = pairs[: negative[0]] if negative.size else pairs
     tau = 2 * np.minimum.accumulate(initial).sum() - 1 if initial.size else 0.0
     return float(max(tau, 1 / np.log10(max(num_iterations, 10))))
-
-
-def effective_sample_size(series: ArrayLike) -> float:
-    """How many independent values know the mean as well as this series [num_iterations] does.
-
-    Raises:
-        ValueError: as :func:`autocorrelation`.
-    """
-    return np.asarray(series).size / integrated_time(series)

@@ -1,4 +1,4 @@
-"""What the seeds can say about two arms: everything about one metric, in one result.
+"""Compares two arms over their seeds: everything about one metric, in one result.
 
 Arms that share their seeds may be compared seed by seed (``paired``). That helps as far as a seed
 makes the arms alike. Where it does not, the paired tests are still valid, but find less: they have
@@ -54,8 +54,7 @@ class Comparison:
     """Two arms compared with the seed as the unit.
 
     Differences are treatment - baseline, in units of the metric. Improvements are positive where
-    treatment is better. What the data do not allow is NaN, and its ``reason`` (all: ``notes``) says
-    why.
+    treatment is better. What the data do not allow is NaN, and its ``reason`` says why.
     """
 
     baseline: ArmSummary
@@ -73,20 +72,6 @@ class Comparison:
     smallest_p: float  # that an exact permutation test of so many seeds can give
     seeds_needed: int | None  # per arm, for 80 % power if the difference and spread seen were true
     detectable_effect: float  # standard deviations found with 80 % power by the smaller arm's seeds
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Why some of the values are NaN, each reason once."""
-        parts = (
-            self.difference,
-            self.relative_improvement,
-            self.bootstrap_difference,
-            self.t_test,
-            self.effect_size,
-            self.baseline.mean,
-            self.treatment.mean,
-        )
-        return tuple(dict.fromkeys(part.reason for part in parts if part.reason))
 
 
 def summarise(values: ArrayLike, *, confidence: float = 0.95) -> ArmSummary:

@@ -67,9 +67,8 @@ def compare_curves(
 ) -> CurveComparison:
     """Compare curves [n, num_iterations] and [m, num_iterations] of the same iterations.
 
-    ``paired``: row i of both belongs to the same seed, and labels are swapped within seeds. All
-    labelings are used up to 20 000 of them (eight seeds against eight, 14 pairs); beyond, 9999 are
-    drawn from ``generator`` and the one seen is counted among them.
+    ``paired``: row i of both belongs to the same seed, and labels are swapped within seeds. Beyond
+    20 000 labelings 9999 are drawn from ``generator``, and the one seen is counted among them.
 
     Raises:
         ValueError: wrong shapes, values that are not finite, fewer than two seeds in an arm,

@@ -1,4 +1,4 @@
-"""How large a difference of two arms is against the spread from seed to seed."""
+"""Measures how large a difference of two arms is against the spread from seed to seed."""
 
 from math import sqrt
 
@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, special, stats
 
 from analysis.statistics.results import (
+    Array,
     Interval,
     checked_confidence,
     checked_samples,
@@ -129,8 +130,11 @@ def probability_of_improvement(
 
     The common-language effect size; U / (n m) of the Mann-Whitney test.
     """
-    first, second = checked_samples(baseline, treatment)
-    larger = (second[:, None] > first[None, :]).mean()
-    ties = (second[:, None] == first[None, :]).mean()
-    above = float(larger + 0.5 * ties)
+    return float(share_of_better(*checked_samples(baseline, treatment), smaller_is_better))
+
+
+def share_of_better(first: Array, second: Array, smaller_is_better: bool) -> Array:
+    """The share [...] of pairs of one of [..., n] and one of [..., m] in which that is better."""
+    one, other = first[..., None, :], second[..., :, None]
+    above = (other > one).mean(axis=(-2, -1)) + 0.5 * (other == one).mean(axis=(-2, -1))
     return 1.0 - above if smaller_is_better else above

@@ -115,12 +115,10 @@ def bootstrap_interval(
     treatment: ArrayLike,
     *,
     generator: np.random.Generator,
-    trimmed: bool = False,
     paired: bool = False,
     confidence: float = 0.95,
-    num_resamples: int = BOOTSTRAP_RESAMPLES,
 ) -> Interval:
-    """Percentile bootstrap interval of the difference of means, or interquartile means if trimmed.
+    """Percentile bootstrap interval of mean(treatment) - mean(baseline).
 
     NaN with a reason below ``BOOTSTRAP_SEEDS`` seeds per arm, where too few of such intervals
     cover; use :func:`difference_interval` there.
@@ -128,8 +126,7 @@ def bootstrap_interval(
     method = "percentile bootstrap"
     first, second = checked_samples(baseline, treatment, paired=paired)
     checked_confidence(confidence)
-    statistic = _trimmed_difference if trimmed else mean_difference
-    estimate = float(statistic(first, second, axis=-1))
+    estimate = float(mean_difference(first, second, axis=-1))
     fewest = min(first.size, second.size)
     if fewest < BOOTSTRAP_SEEDS:
         reason = (
@@ -142,10 +139,10 @@ def bootstrap_interval(
         return undefined_interval(estimate, confidence, method, problem)
     result = stats.bootstrap(
         (first, second),
-        statistic,
+        mean_difference,
         paired=paired,
         vectorized=True,
-        n_resamples=num_resamples,
+        n_resamples=BOOTSTRAP_RESAMPLES,
         confidence_level=confidence,
         method="percentile",
         rng=generator,
@@ -177,8 +174,3 @@ def _fieller(
     constant = mean_t**2 - squared_t * var_t
     root = float(np.sqrt(max(half_linear**2 - quadratic * constant, 0.0)))
     return (half_linear - root) / quadratic, (half_linear + root) / quadratic
-
-
-def _trimmed_difference(baseline: Array, treatment: Array, axis: int) -> Array:
-    first = stats.trim_mean(baseline, 0.25, axis=axis)
-    return stats.trim_mean(treatment, 0.25, axis=axis) - first

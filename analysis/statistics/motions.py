@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from analysis.statistics.effect_size import probability_of_improvement
-from analysis.statistics.intervals import interquartile_mean
+from analysis.statistics.effect_size import share_of_better
 from analysis.statistics.results import (
     Array,
     Interval,
@@ -109,10 +108,9 @@ def interquartile_means(
     that of :func:`_resampled`.
     """
 
-    def means(pairs: Pairs) -> tuple[float, float]:
-        first = np.concatenate([one / one.mean() for one, _ in pairs])
-        second = np.concatenate([other / one.mean() for one, other in pairs])
-        return interquartile_mean(first), interquartile_mean(second)
+    def means(pairs: Pairs) -> tuple[Array, Array]:
+        first, second = (np.concatenate(_scores(pairs, arm), axis=-1) for arm in (0, 1))
+        return stats.trim_mean(first, 0.25, axis=-1), stats.trim_mean(second, 0.25, axis=-1)
 
     pairs = _checked(baseline, treatment)
     checked_confidence(confidence)
@@ -122,11 +120,12 @@ def interquartile_means(
 
     def difference(each: Pairs) -> Array:
         first, second = means(each)
-        return np.array([second - first])
+        return second - first
 
-    (low,), (high,) = _resampled(pairs, difference, generator, confidence)
-    first, second = means(pairs)
-    return first, second, Interval(second - first, low, high, confidence, _BOOTSTRAP)
+    low, high = _resampled(pairs, difference, generator, confidence)
+    first, second = map(float, means(pairs))
+    interval = Interval(second - first, float(low), float(high), confidence, _BOOTSTRAP)
+    return first, second, interval
 
 
 def pooled_probability(
@@ -139,24 +138,21 @@ def pooled_probability(
 ) -> Interval:
     """The probability that a run of the treatment is better than one of the baseline on its motion.
 
-    The mean over motions of :func:`effect_size.probability_of_improvement`. Where every run of one
+    The mean over motions of :func:`effect_size.share_of_better`. Where every run of one
     arm is better, resampling finds nothing else, and the interval has no width.
     """
 
     def mean(pairs: Pairs) -> Array:
-        shares = [
-            probability_of_improvement(*pair, smaller_is_better=smaller_is_better) for pair in pairs
-        ]
-        return np.array([np.mean(shares)], dtype=np.float64)
+        return np.mean([share_of_better(*pair, smaller_is_better) for pair in pairs], axis=0)
 
     pairs = _checked(baseline, treatment)
     checked_confidence(confidence)
-    (estimate,) = mean(pairs)
+    estimate = float(mean(pairs))
     problem = _seed_problem(pairs)
     if problem:
-        return undefined_interval(float(estimate), confidence, _BOOTSTRAP, problem)
-    (low,), (high,) = _resampled(pairs, mean, generator, confidence)
-    return Interval(float(estimate), low, high, confidence, _BOOTSTRAP)
+        return undefined_interval(estimate, confidence, _BOOTSTRAP, problem)
+    low, high = _resampled(pairs, mean, generator, confidence)
+    return Interval(estimate, float(low), float(high), confidence, _BOOTSTRAP)
 
 
 def performance_profiles(
@@ -183,13 +179,10 @@ def performance_profiles(
     def shares(each: Pairs) -> Array:
         rows = []
         for arm in (0, 1):
-            scores = [pair[arm] / pair[0].mean() for pair in each]
-            good = [
-                (score[:, None] <= at if smaller_is_better else score[:, None] >= at).mean(axis=0)
-                for score in scores
-            ]
-            rows.append(np.mean(good, axis=0))
-        return np.concatenate(rows).astype(np.float64)
+            scores = [score[..., None] for score in _scores(each, arm)]
+            good = [score <= at if smaller_is_better else score >= at for score in scores]
+            rows.append(np.mean([which.mean(axis=-2) for which in good], axis=0))
+        return np.concatenate(rows, axis=-1)
 
     low, high = _resampled(pairs, shares, generator, confidence)
     found, size = shares(pairs), at.size
@@ -209,26 +202,27 @@ def _resampled(
     generator: np.random.Generator,
     confidence: float,
 ) -> tuple[Array, Array]:
-    """Percentile limits of a statistic [k], with the seeds of each motion and arm drawn anew.
+    """Percentile limits of a statistic, with the seeds of each motion and arm drawn anew.
 
+    The statistic takes samples [..., n], of which the leading dimension is that of the resamples.
     Of n seeds n - 1 are drawn, with replacement (Rao and Wu 1988, J. Am. Stat. Assoc. 83, 231-241):
     drawing n would understate the spread by the factor (n - 1) / n, a third with three seeds.
     """
-    draws = np.stack(
-        [
-            statistic(
-                [(_drawn(first, generator), _drawn(second, generator)) for first, second in pairs]
-            )
-            for _ in range(RESAMPLES)
-        ]
-    )
+    samples = [sample for pair in pairs for sample in pair]
+    counts = [sample.size - 1 for sample in samples]
+    sizes = np.repeat([sample.size for sample in samples], counts)
+    places = generator.integers(0, sizes, (RESAMPLES, sizes.size))
+    parts = np.split(places, np.cumsum(counts)[:-1], axis=1)
+    drawn = [sample[part] for sample, part in zip(samples, parts, strict=True)]
     tail = (1 - confidence) / 2
-    low, high = np.quantile(draws, [tail, 1 - tail], axis=0)
+    resampled = statistic([*zip(drawn[::2], drawn[1::2], strict=True)])
+    low, high = np.quantile(resampled, [tail, 1 - tail], axis=0)
     return low, high
 
 
-def _drawn(sample: Array, generator: np.random.Generator) -> Array:
-    return sample[generator.integers(0, sample.size, sample.size - 1)]
+def _scores(pairs: Pairs, arm: int) -> list[Array]:
+    """The samples [..., n] of an arm, 0 or 1, in shares of the baseline's mean."""
+    return [pair[arm] / pair[0].mean(axis=-1, keepdims=True) for pair in pairs]
 
 
 def _checked(baseline: Strata, treatment: Strata) -> Pairs:

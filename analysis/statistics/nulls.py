@@ -1,4 +1,4 @@
-"""How often each protocol calls two groups of seeds of one method different: it should be alpha.
+"""Counts how often each protocol calls groups of seeds of one method different: should be alpha.
 
 The iteration-wise protocol (``analysis.statistics.paper``) tests the iterations of seed-averaged
 curves; the seed-wise ones (Welch's t and the exact permutation test) test one number per seed, the
@@ -38,10 +38,6 @@ class FalsePositiveRates:
     num_seeds: tuple[int, int]  # per arm
     num_iterations: int
 
-    def standard_error(self, rate: float) -> float:
-        """Binomial standard error of one of the rates, if the studies are independent."""
-        return float(np.sqrt(rate * (1 - rate) / self.num_studies))
-
 
 def false_positive_rates(
     *,
@@ -79,32 +75,26 @@ def false_positive_rates(
 
 
 def false_positive_rates_of_curves(
-    curves: ArrayLike,
-    *,
-    generator: np.random.Generator,
-    num_baseline: int | None = None,
-    alpha: float = 0.05,
+    curves: ArrayLike, *, generator: np.random.Generator, alpha: float = 0.05
 ) -> FalsePositiveRates:
     """The same from real curves [num_seeds, num_iterations], split into two mock arms.
 
-    Of seeds of one arm no split can show a true difference. All splits are taken (of five seeds, 2
-    against 3 in 10 ways), or ``MOST_SPLITS`` drawn ones if there are more. Splits share seeds: the
-    rates describe these seeds, and their binomial error is too small. With so few seeds the
-    permutation test cannot reach 0.05 at all. The curves of two arms together give what the
-    iteration-wise test makes of shuffled labels. ``num_baseline``: seeds of the first mock arm,
-    half of them (rounded down) if None.
+    Of seeds of one arm no split into halves can show a true difference. All splits are taken (of
+    five seeds, 2 against 3 in 10 ways), or ``MOST_SPLITS`` drawn ones if there are more. Splits
+    share seeds: the rates describe these seeds, and their binomial error is too small. With so few
+    seeds the permutation test cannot reach 0.05 at all. The curves of two arms together give what
+    the iteration-wise test makes of shuffled labels.
 
     Raises:
-        ValueError: fewer than four seeds or two iterations, a mock arm of fewer than two, a wrong
-            shape.
+        ValueError: fewer than four seeds or two iterations, or a wrong shape.
     """
     values = checked_curves(curves, "curves")
     total, num_iterations = values.shape
-    first = total // 2 if num_baseline is None else num_baseline
-    if min(first, total - first) < 2 or num_iterations < 2:
+    first = total // 2
+    if first < 2 or num_iterations < 2:
         raise UserError(
-            f"two mock arms of at least two seeds and two iterations, got {total} seeds, {first} "
-            f"of them in the first arm, and {num_iterations} iterations"
+            f"two mock arms of at least two seeds and two iterations, got {total} seeds and "
+            f"{num_iterations} iterations"
         )
     if is_constant(values):
         raise UserError("curves that are all the same constant have nothing to test")

@@ -1,4 +1,4 @@
-"""What the statistics give back, and the checks of what they are given.
+"""Results that the statistics give back, and checks of what they are given.
 
 Something that the data cannot give (a t-test of one seed, the interval of a constant) is not an
 error: its numbers are NaN and ``reason`` says why. Data that must be wrong (NaN, no seed at all,

@@ -1,4 +1,4 @@
-"""Whether curves still move at the end of training, and by how much: one slope per seed."""
+"""Measures how much curves still move at the end of training: one slope per seed."""
 
 from dataclasses import dataclass
 

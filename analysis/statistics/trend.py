@@ -1,4 +1,4 @@
-"""Whether a swept number matters: tests over runs at several values, the run as the unit.
+"""Tests whether a swept number matters, over runs at several values, the run as the unit.
 
 ``values`` [k] are the settings, ``samples`` as many arrays [n_i], one number per run. The runs at
 different values count as independent, which is on the safe side where they share their seeds.

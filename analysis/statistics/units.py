@@ -1,4 +1,4 @@
-"""Which pairs a paired t-test would have to take to give a p-value that was published without them.
+"""Finds pairs with which a paired t-test gives a p-value that was published without them.
 
 A paper that prints a p-value and names neither test nor pairs leaves both to be guessed. A paired
 t over n pairs gives p where the mean of the differences is so many of their standard deviations

@@ -11,11 +11,13 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
+from analysis.commands.sources import load_studies
 from analysis.data.study import Study, rows_of
 from tlr_exp import keys
 
@@ -261,6 +263,12 @@ def _curve(run: Mapping[str, object], columns: Mapping[str, np.ndarray]) -> pd.D
     length = len(next(iter(columns.values())))
     keys_of_rows = {name: [run[name]] * length for name in ("run", "arm", "seed")}
     return pd.DataFrame({**keys_of_rows, keys.ITERATION: np.arange(1, length + 1), **columns})
+
+
+def load_study(*sources: Any, **choices: Any) -> Study:
+    """The one study that `load_studies` finds."""
+    (study,) = load_studies(*sources, **choices).values()
+    return study
 
 
 def write_run_directories(study: Study, root: Path) -> list[Path]:

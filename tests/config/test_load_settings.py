@@ -69,7 +69,7 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("device=tpu", ["device is 'tpu'", "cuda"]),
         ("ppo.hidden_sizes=[0]", ["ppo.hidden_sizes"]),
         ("+extra=1", ["there is no key extra. Allowed here: ", "seed"]),
-        ("+ppo.gama=1", ["there is no key ppo.gama. Did you mean gamma? Allowed here: "]),
+        ("+ppo.gama=1", ["there is no key ppo.gama. Did you mean gamma? Allowed in ppo: "]),
         ("+reward.goal.base_height=1", ["reward.goal.base_height", "reward.optimizing"]),
         ("reward.goal.body_pos=nan", ["reward.goal.body_pos is nan", "finite"]),
         ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),

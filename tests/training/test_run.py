@@ -32,7 +32,7 @@ def break_down(**arguments):
         ),
         (["optimizer=ospo", "optimizer.elites=50"], r"^optimizer.* at least 50"),
         (["optimizer=curriculum", "optimizer.initial=2.0"], r"^optimizer.*initial .* 0 to 1"),
-        (["+optimizer.colour=1"], r"no key optimizer\.colour\. Allowed here: .*pack_size"),
+        (["+optimizer.colour=1"], r"no key optimizer\.colour\. Allowed in optimizer: .*pack_size"),
         (["optimizer.tie_break=last"], r"^optimizer.*tie_break is 'last'; .* first, largest_norm"),
         (["optimizer.pack_size=many"], r"^optimizer.*pack_size .*a whole number"),
         (["optimizer.lower=2.0"], r"^optimizer: lower 2\.0 and upper 1\.0"),
@@ -122,7 +122,7 @@ def test_a_training_goes_on_with_what_its_check_has_built(settings_of, tmp_path)
     [
         ("tlr_exp.commands.train", {"torch", "mujoco", "mlflow"}),
         ("tlr_exp.assembly.world", {"torch", "mlflow"}),
-        ("analysis.report.reward_terms", {"torch", "mujoco"}),
+        ("analysis.report.study_tables", {"torch", "mujoco"}),
     ],
 )
 def test_pytorch_is_not_loaded_before_the_configuration_is_checked(module, heavy):

@@ -1,4 +1,4 @@
-"""What the check of a configuration builds, and the run then uses: nothing is built twice."""
+"""Parts that the check of a configuration builds and the run then uses: nothing is built twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which robot a run has, from settings."""
+"""The robot of a run, from settings."""
 
 from tlr_exp.config.settings import EnvSettings
 from tlr_exp.robot.g1 import G1

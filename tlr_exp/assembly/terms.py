@@ -1,4 +1,4 @@
-"""Which reward terms an environment records, in which order and with which constants.
+"""The reward terms that an environment records, with their order and constants.
 
 Whoever reads recorded terms asks the environment for their names (``TrackingEnv.term_names``).
 """

@@ -1,7 +1,5 @@
 """Arguments that several commands share; imports nothing that draws."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from typing import Any

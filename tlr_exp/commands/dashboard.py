@@ -1,7 +1,5 @@
 """tlr-dashboard: MLflow's pages on the store of a folder of runs, for this machine alone."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import socket

@@ -1,7 +1,5 @@
 """tlr-export-policy: a trained policy by itself, small enough to be kept with a project."""
 
-from __future__ import annotations
-
 import argparse
 from importlib.util import find_spec
 from pathlib import Path

@@ -3,9 +3,10 @@
 Nothing of the project but its error is imported, so that every room can use them.
 """
 
+import difflib
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from tlr_exp.errors import UserError
 
@@ -33,7 +34,7 @@ def check_at_least(name: str, value: Any, low: float) -> None:
     Raises:
         SettingError: names the setting, its value and the limit.
     """
-    if not (_is_number(value) and low <= value < math.inf):
+    if not (is_number(value) and low <= value < math.inf):
         raise refusal(name, value, f"at least {low:g}")
 
 
@@ -43,7 +44,7 @@ def check_above(name: str, value: Any, low: float) -> None:
     Raises:
         SettingError: names the setting, its value and the limit.
     """
-    if not (_is_number(value) and low < value < math.inf):
+    if not (is_number(value) and low < value < math.inf):
         raise refusal(name, value, f"above {low:g}")
 
 
@@ -53,7 +54,7 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
     Raises:
         SettingError: names the setting, its value and the limits.
     """
-    if not (_is_number(value) and low <= value <= high):
+    if not (is_number(value) and low <= value <= high):
         raise refusal(name, value, f"from {low:g} to {high:g}")
 
 
@@ -63,7 +64,7 @@ def check_between(name: str, value: Any, low: float, high: float) -> None:
     Raises:
         SettingError: names the setting, its value and the limits.
     """
-    if not (_is_number(value) and low < value < high):
+    if not (is_number(value) and low < value < high):
         raise refusal(name, value, f"above {low:g} and below {high:g}")
 
 
@@ -72,5 +73,15 @@ def refusal(name: str, value: Any, allowed: str) -> SettingError:
     return SettingError(f"{name} is {value!r}; allowed: {allowed}")
 
 
-def _is_number(value: Any) -> bool:
+def no_such_key(key: str, allowed: Sequence[str]) -> str:
+    """What to say of a dotted key that there is not; ``allowed``: the names in its place."""
+    group, _, name = key.rpartition(".")
+    close = difflib.get_close_matches(name, allowed, n=1)
+    hint = f" Did you mean {close[0]}?" if close else ""
+    place = f"in {group}" if group else "here"
+    return f"there is no key {key}.{hint} Allowed {place}: {', '.join(allowed) or 'none'}"
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value of a configuration is a number: true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)

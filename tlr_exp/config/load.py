@@ -5,7 +5,6 @@ that a mistake shows within a second or two.
 """
 
 import copy
-import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -16,7 +15,7 @@ from typing import Any, get_type_hints
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from tlr_exp.config.checks import SettingError, check_above
+from tlr_exp.config.checks import SettingError, check_above, no_such_key
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
@@ -143,12 +142,8 @@ def _whole_numbers_to_floats(plain: dict[str, Any]) -> None:
 def _explain_type_error(error: OmegaConfBaseException) -> str:
     key = error.full_key or ""
     message = str(error.msg or error).splitlines()[0]
-    parent, _, name = key.rpartition(".")
     if "not in" in message:
-        siblings = _schema_keys(parent)
-        close = difflib.get_close_matches(name, siblings, n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
-        return f"there is no key {key}.{hint} Allowed here: {', '.join(siblings)}"
+        return no_such_key(key, _schema_keys(key.rpartition(".")[0]))
     return f"{key}: {message}"
 
 

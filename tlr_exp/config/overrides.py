@@ -1,6 +1,5 @@
 """Explains a mistake in the overrides of a command line: which key, and what it may be."""
 
-import difflib
 import sys
 from collections.abc import Sequence
 
@@ -10,6 +9,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
+from tlr_exp.config.checks import no_such_key
 from tlr_exp.errors import UserError
 from tlr_exp.machine.terminal import EXIT_WRONG
 
@@ -106,11 +106,5 @@ def _unknown_key(overrides: Sequence[str]) -> str | None:
         parent, _, name = override.key_or_group.rpartition(".")
         node = OmegaConf.select(config, parent) if parent else config
         if isinstance(node, DictConfig) and name not in node and not override.is_add():
-            allowed = [str(key) for key in node]
-            close = difflib.get_close_matches(name, allowed, n=1)
-            hint = f" Did you mean {close[0]}?" if close else ""
-            return (
-                f"there is no key {override.key_or_group}.{hint} "
-                f"Allowed {f'in {parent}' if parent else 'here'}: {', '.join(allowed)}"
-            )
+            return no_such_key(override.key_or_group, [str(key) for key in node])
     return None

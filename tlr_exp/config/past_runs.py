@@ -1,7 +1,5 @@
 """A run that was made before: its configuration on the files that it was trained with."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any
 

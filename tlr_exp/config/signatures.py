@@ -1,11 +1,12 @@
-"""Whether settings fit a part's arguments: their names, which are needed, and their types."""
+"""Checks whether settings fit a part's arguments: their names, what is needed, and types."""
 
-import difflib
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from inspect import Parameter
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
+
+from tlr_exp.config.checks import no_such_key
 
 _BY_NAME = (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
 _WORDS = {  # of the types that are compared
@@ -31,7 +32,8 @@ def argument_problems(
     places = [name for name in parameters if name not in given]
     problems = []
     if not takes_any:
-        problems += [_no_key(key, name, places) for name in settings if name not in parameters]
+        unknown = [name for name in settings if name not in parameters]
+        problems += [no_such_key(f"{key}.{name}", places) for name in unknown]
         problems += [
             f"{key}: {part.__qualname__} does not take {name}, which every part here is given"
             for name in given
@@ -44,12 +46,6 @@ def argument_problems(
         if name in settings and not _fits(settings[name], kind):
             problems.append(f"{key}.{name} is {settings[name]!r}; allowed: {_words(kind)}")
     return problems
-
-
-def _no_key(key: str, name: str, places: list[str]) -> str:
-    close = difflib.get_close_matches(name, places, n=1)
-    hint = f" Did you mean {close[0]}?" if close else ""
-    return f"there is no key {key}.{name}.{hint} Allowed here: {', '.join(places) or 'none'}"
 
 
 def _parameters(part: Callable[..., Any]) -> tuple[dict[str, Parameter], bool]:

@@ -6,8 +6,6 @@ motion.npz      the clip, exact in every digit that an evaluation uses
 checkpoints/    one, of the actor and the normalisation of its observation alone; and its score
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

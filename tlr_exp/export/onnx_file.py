@@ -9,8 +9,6 @@ The metadata is in ``metadata_of``, each value as JSON. docs/deploy.md has a con
 nothing else.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A clip in the fewest bytes from which an evaluation reads the same numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

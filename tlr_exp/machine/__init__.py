@@ -1,1 +1,1 @@
-"""What the machine gives: cores, precision, a terminal."""
+"""The machine: cores, precision, a terminal."""

@@ -1,4 +1,4 @@
-"""What every command begins and ends with: any text can be shown, and errors are for people."""
+"""Begins and ends every command: any text can be shown, and errors are for people."""
 
 import argparse
 import functools

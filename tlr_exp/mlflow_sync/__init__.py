@@ -1,1 +1,1 @@
-"""What brings records into MLflow; mlflow itself in store.py alone."""
+"""Brings records into MLflow; mlflow itself is imported in store.py alone."""

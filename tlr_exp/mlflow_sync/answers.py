@@ -1,6 +1,4 @@
-"""What answers at the address of a tracking server that is none, or that refuses us."""
-
-from __future__ import annotations
+"""Reads what answers at the address of a tracking server that is none, or that refuses us."""
 
 import http.client
 import json

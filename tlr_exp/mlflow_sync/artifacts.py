@@ -1,7 +1,5 @@
 """The files of a run or a sweep on their way into MLflow, each once however often it is tried."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,10 +1,8 @@
-"""How MLflow's pages show a new experiment: with a description and two saved views.
+"""Has MLflow's pages show a new experiment with a description and two saved views.
 
 The format of a saved view is that of MLflow 3.17's own pages (button "Views"): a tag of the
 experiment with a name and the compressed state of the page. Pages that do not know it show no view.
 """
-
-from __future__ import annotations
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""How long a live mirror goes on: until the process that it follows has ended or is gone."""
+"""Keeps a live mirror going until the process that it follows has ended or is gone."""
 
 from __future__ import annotations
 

@@ -1,11 +1,9 @@
-"""How a run's configuration and manifest are called in MLflow: parameters, tags, metric names.
+"""Names a run's configuration and manifest for MLflow: parameters, tags, metrics.
 
 Those of a sweep's run are in sweep_page.py.
 
 Pure functions on plain data, within MLflow's limits on characters and lengths.
 """
-
-from __future__ import annotations
 
 import json
 import re

@@ -1,6 +1,4 @@
-"""Which runs and sweeps are brought into MLflow, into which store and experiment."""
-
-from __future__ import annotations
+"""Finds the runs and sweeps to bring into MLflow, and the store and experiment of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The one file that imports mlflow; the names it needs elsewhere are passed on from here.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -1,6 +1,4 @@
-"""Which sweep a run in MLflow belongs to: the tags that make it a child of the sweep's run."""
-
-from __future__ import annotations
+"""Makes a run in MLflow the child of its sweep's run, by tags."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,7 @@
-"""What MLflow shows of a sweep: name, tags, parameters, and its description in Markdown.
+"""Writes what MLflow shows of a sweep: name, tags, parameters, a description in Markdown.
 
 Pure functions on the records of a sweep and of its jobs.
 """
-
-from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,6 +1,4 @@
-"""Where an MLflow store is: which URIs can be used, and which one where none is given."""
-
-from __future__ import annotations
+"""Checks the URI of an MLflow store, and finds one where none is given."""
 
 from pathlib import Path
 from urllib.parse import urlsplit

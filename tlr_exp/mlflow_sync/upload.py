@@ -1,7 +1,5 @@
 """Bringing something into MLflow: what runs and sweeps share of it, each part repeatable."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import AbstractContextManager

@@ -11,8 +11,6 @@ A finished run gets its final numbers (tlr_exp.records.final_metrics), its best 
 checkpoint besides. A run that failed or was interrupted can go on, so it gets neither.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

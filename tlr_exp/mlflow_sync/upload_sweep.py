@@ -5,8 +5,6 @@ directory is not here is linked if MLflow has it. The parent's status follows th
 so that it never stays RUNNING: whoever brings it over after a kill sets it to KILLED.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What every motion clip must satisfy: one function a property, each raising ``ValueError``."""
+"""Checks what every motion clip must satisfy: one function a property, raising ``ValueError``."""
 
 import numpy as np
 

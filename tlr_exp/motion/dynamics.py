@@ -1,4 +1,4 @@
-"""What a clip asks of the real robot: its balance, its joint torques, the floor's forces."""
+"""Computes what a clip asks of the real robot: balance, joint torques, the floor's forces."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""How far joints are beyond their limits, and setting them to these."""
+"""Measures how far joints are beyond their limits, and sets them to these."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What every physics engine offers to the environment."""
+"""The protocol of every physics engine towards the environment."""
 
 from typing import Protocol
 

@@ -1,4 +1,4 @@
-"""What physics hands to the environment, and the small pieces that all engines share."""
+"""The state that physics hands to the environment, and the small pieces that engines share."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

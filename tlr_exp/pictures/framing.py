@@ -1,6 +1,4 @@
-"""Where a camera must be and look to have a robot, and its reference, in its pictures."""
-
-from __future__ import annotations
+"""Places a camera so that it has a robot, and its reference, in its pictures."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Curves over time: of a clip, and of what a policy gets wrong; joint by joint, body by body."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

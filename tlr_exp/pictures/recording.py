@@ -1,7 +1,5 @@
 """Saved states of a robot with all that films, strips and viewers show of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

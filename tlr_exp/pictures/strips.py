@@ -3,8 +3,6 @@
 The latter as in the paper's Figures 9 to 12.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

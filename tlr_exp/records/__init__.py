@@ -1,1 +1,1 @@
-"""What a run leaves behind: run directory, checkpoints, and its mirror in MLflow."""
+"""Records that a run leaves behind: run directory, checkpoints, and its mirror in MLflow."""

@@ -4,8 +4,6 @@ torchrl.checkpoint (0.14) publishes by rename but never calls fsync, and its rot
 named iterations; hence this store.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import logging
@@ -111,11 +109,6 @@ class CheckpointStore:
     def iterations(self) -> list[int]:
         """The iterations that have a checkpoint, ascending."""
         return checkpoint_iterations(self.directory)
-
-    def latest(self) -> Path | None:
-        """The newest checkpoint file, None where there is none."""
-        iterations = self.iterations()
-        return self.path_of(iterations[-1]) if iterations else None
 
     def best(self) -> Path | None:
         """The file with the highest score, None where no checkpoint has a score."""

@@ -1,6 +1,4 @@
-"""Which checkpoints lie in a folder, and which is best, without importing PyTorch."""
-
-from __future__ import annotations
+"""Finds the checkpoints in a folder, and the best of them, without importing PyTorch."""
 
 import json
 import logging

@@ -1,7 +1,5 @@
 """Passwords in tracking URIs: nothing that is printed, written or uploaded holds one."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from urllib.parse import unquote

@@ -3,8 +3,6 @@
 A run (run_directory.py) and a sweep (sweep_directory.py) are such folders.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -4,8 +4,6 @@ The manifest is written first and says all; ``config.yaml`` follows. Where a kil
 two, `complete_extension` writes the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

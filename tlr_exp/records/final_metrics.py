@@ -1,7 +1,5 @@
 """The numbers a finished run ends with, one per metric, so that runs can be sorted by them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean

@@ -1,7 +1,5 @@
 """One process at a time: lock files whose lock the system frees when its holder dies (flock)."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import time

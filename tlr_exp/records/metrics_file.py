@@ -4,8 +4,6 @@ A line is {"iteration": int, "wall_time": Unix seconds, NAME: number, ...}. JSON
 infinity, so every non-finite value is written as null and read back as NaN.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -5,8 +5,6 @@ another drive) keeps its last part alone, and every address of a server its kind
 paths, names of runs and studies, versions and times stay.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Mapping

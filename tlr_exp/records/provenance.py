@@ -1,6 +1,4 @@
-"""What a run was made with: source revision, package versions, machine."""
-
-from __future__ import annotations
+"""Tells what a run is made with: source revision, package versions, machine."""
 
 import os
 import platform

@@ -68,11 +68,9 @@ class RunDirectory(RecordDirectory):
     ) -> RunDirectory:
         """Start a run in `path`, which must be new or empty; parents are made.
 
-        `config` is the resolved configuration of plain values (the seed is read from its key
-        "seed"). `tags` are the labels the run is looked up by: method, scale, device, experiment
-        and the like. `identity` tells which runs are the same experiment (tlr_exp.records.runs).
-        `files` are the hashes of the files that the configuration means, by key
-        (tlr_exp.config.input_files).
+        `config` is the resolved configuration of plain values, with a key "seed"; `tags` are the
+        labels the run is looked up by, such as method and scale. `identity` tells which runs are
+        the same experiment; `files` are the hashes of the files of the configuration, by key.
 
         Raises:
             RunDirectoryError: `path` holds something already, or `config` is not plain data.

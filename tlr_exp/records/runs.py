@@ -1,6 +1,4 @@
-"""Which run is which: identity of a configuration, names of new runs, finding runs on disk."""
-
-from __future__ import annotations
+"""Tells runs apart: identity of a configuration, names of new runs, finding runs on disk."""
 
 import hashlib
 import itertools

@@ -1,7 +1,5 @@
 """Files that are whole or not there: atomic writes, appended lines, errors that say what to do."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

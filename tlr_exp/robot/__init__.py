@@ -1,1 +1,1 @@
-"""What a robot is, and the MuJoCo model made from it."""
+"""A robot as one value, and the MuJoCo model made from it."""

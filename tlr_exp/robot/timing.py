@@ -1,4 +1,4 @@
-"""How time passes in a simulation, whichever robot is in it: physics steps and control steps."""
+"""The lengths of physics steps and control steps, whichever robot is simulated."""
 
 SIM_DT_S = 0.005
 DECIMATION = 4  # physics steps in a control step

@@ -1,7 +1,5 @@
 """``tlr-train -m``: plans the sweep, waits for its turn, works it off, says how it ended."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,6 +1,4 @@
-"""What a person sees of a sweep: events, one line of progress with ETA, and a table at the end."""
-
-from __future__ import annotations
+"""Shows a sweep to a person: events, one line of progress with ETA, and a table at the end."""
 
 import sys
 import time

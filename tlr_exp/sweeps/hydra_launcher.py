@@ -1,7 +1,5 @@
 """Jobs by one of Hydra's launchers: one after the other, by joblib, or by one of a person's own."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from typing import Any

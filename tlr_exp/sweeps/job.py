@@ -3,8 +3,6 @@
 It finds or makes the run of its configuration, trains it, and writes how it ended into its record.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import signal

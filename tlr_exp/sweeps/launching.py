@@ -1,6 +1,4 @@
-"""What every launcher does for a sweep, whatever it is made of."""
-
-from __future__ import annotations
+"""The base class of all launchers: what each does for a sweep, whatever it is made of."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence

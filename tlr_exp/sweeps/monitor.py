@@ -1,7 +1,5 @@
 """Looks at a sweep while its main thread waits for a launcher, and shows what it sees."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from pathlib import Path

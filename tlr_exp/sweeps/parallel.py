@@ -1,6 +1,4 @@
-"""How many jobs a launcher runs at once on how many threads, and whether they outlive the sweep."""
-
-from __future__ import annotations
+"""Decides how many jobs a launcher runs at once, on how many threads; whether they outlive it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

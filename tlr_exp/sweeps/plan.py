@@ -1,7 +1,5 @@
 """From Hydra's configuration of a sweep to its jobs: all composed and checked before any starts."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable, Sequence

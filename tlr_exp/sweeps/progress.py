@@ -1,6 +1,4 @@
-"""How far a sweep is, read from what its jobs have written, and how long it will take."""
-
-from __future__ import annotations
+"""Reads how far a sweep is from what its jobs have written, and how long it will take."""
 
 import heapq
 import json

@@ -4,8 +4,6 @@ Ray is used by itself: each job is waited for alone, a job whose node was lost i
 and the signals of this process stay its own.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """One attempt at a sweep: looks what is there, hands out the rest, and takes stock."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

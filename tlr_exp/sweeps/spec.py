@@ -1,6 +1,4 @@
-"""What a sweep is to do: its jobs, each kept as a file beside its record, from which it starts."""
-
-from __future__ import annotations
+"""The plan of a sweep: its jobs, each kept as a file beside its record, from which it starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,10 +1,8 @@
-"""What a launcher runs for each job: it starts a fresh process and waits for it.
+"""The task that a launcher runs for each job: it starts a fresh process and waits for it.
 
 Launchers run many jobs in one process (Hydra's own) or in workers that they use again (joblib).
 Nothing of a job may be left for the next one, so no job trains in them.
 """
-
-from __future__ import annotations
 
 import os
 import signal

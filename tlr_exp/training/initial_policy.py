@@ -1,13 +1,10 @@
 """A new run that begins with the policy of a checkpoint (``init_from``)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from torch import Tensor, nn
 
 from tlr_exp.assembly.learner import build_ppo
@@ -21,7 +18,7 @@ from tlr_exp.env.observations import observation_dims
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.records.checkpoint import CheckpointError, load_checkpoint
 from tlr_exp.records.checkpoint_files import initial_checkpoint
-from tlr_exp.records.run_directory import CONFIG
+from tlr_exp.records.run_directory import RunDirectory, RunDirectoryError
 
 ACTOR, CRITIC = "actor", "critic"
 # What gives the same weights another meaning.
@@ -98,11 +95,9 @@ def _networks(path: Path) -> dict[str, State]:
 def _configuration_beside(path: Path) -> dict[str, Any] | None:
     """The configuration of the run that a checkpoint lies in; None where it lies alone."""
     try:
-        text = (path.absolute().parent.parent / CONFIG).read_text(encoding="utf-8")
-        config = yaml.safe_load(text)
-    except (OSError, yaml.YAMLError):
+        return of_any_version(RunDirectory(path.absolute().parent.parent).config)
+    except RunDirectoryError:
         return None
-    return of_any_version(config) if isinstance(config, dict) else None
 
 
 # --- what differs ----------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 What `env.motion` names may be edited or moved later, and the code that builds clips may change.
 """
 
-from __future__ import annotations
-
 from tlr_exp.motion.clip import MotionClip
 from tlr_exp.records.locks import ELSEWHERE
 from tlr_exp.records.run_directory import RunDirectory

@@ -1,6 +1,4 @@
-"""What the next larger scale would bring, and how long it would take on this machine."""
-
-from __future__ import annotations
+"""Tells what the next larger scale would bring, and how long it would take on this machine."""
 
 import shlex
 import statistics

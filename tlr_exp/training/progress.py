@@ -1,4 +1,4 @@
-"""What a person sees while a run trains: a live panel, or plain lines without a terminal."""
+"""Shows a run while it trains: a live panel, or plain lines without a terminal."""
 
 import sys
 import time
@@ -60,10 +60,11 @@ class PlainDisplay:
         if now - self.shown_at < self.interval_s and iteration != self.last:
             return
         self.shown_at = now
+        weights = " ".join(f"{name}={value:.2f}" for name, value in _weights(metrics).items())
         print(
             f"iteration {iteration}/{self.last}  {speed:,.0f} steps/s  "
             f"ETA {clock(self.pace.eta_s(iteration))}  "
-            + "  ".join([*_headlines(metrics), f"weights {_weights(metrics)}"]),
+            + "  ".join([*_headlines(metrics), f"weights {weights}"]),
             flush=True,
         )
 
@@ -118,21 +119,14 @@ def _headlines(metrics: Mapping[str, float]) -> list[str]:
     ]
 
 
-def _weights(metrics: Mapping[str, float]) -> str:
-    return " ".join(
-        f"{name.removeprefix(keys.WEIGHT_PREFIX)}={value:.2f}"
-        for name, value in metrics.items()
-        if name.startswith(keys.WEIGHT_PREFIX)
-    )
+def _weights(metrics: Mapping[str, float]) -> dict[str, float]:
+    prefix = keys.WEIGHT_PREFIX
+    return {n.removeprefix(prefix): value for n, value in metrics.items() if n.startswith(prefix)}
 
 
 def _weights_table(metrics: Mapping[str, float]) -> Table:
     table = Table(title="weights of the lower layer", title_justify="left")
-    weights = {
-        name.removeprefix(keys.WEIGHT_PREFIX): value
-        for name, value in metrics.items()
-        if name.startswith(keys.WEIGHT_PREFIX)
-    }
+    weights = _weights(metrics)
     for name in weights:
         table.add_column(name, justify="right")
     table.add_row(*(f"{value:.2f}" for value in weights.values()))

@@ -1,7 +1,5 @@
 """``resume=RUN``: which run continues, and what else a command may set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """MuJoCo's own viewer: the robot, its reference as a ghost; space pauses, arrows step."""
 
-from __future__ import annotations
-
 import sys
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """The clock by which a viewer plays a recording."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from tlr_exp.pictures.recording import Recording

@@ -5,8 +5,6 @@ viser serves the page and mjviser makes its meshes. Both come with the extra ``t
 are imported here alone, when a viewer is started.
 """
 
-from __future__ import annotations
-
 import copy
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""What the paper claims, as numbers, and what a study can say to each claim.
+"""The claims of the paper, as numbers, and what a study can say to each.
 
 Numbers and figures are those of Xu, Zheng, Ren (Mathematics 2025, 13(21), 3445). A claim is judged
 by runs of any size whose policies track; `verdicts` says where they have not come far enough.

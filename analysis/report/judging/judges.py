@@ -17,6 +17,7 @@ from analysis.report.judging.verdicts import (
     around,
     policies_track,
 )
+from analysis.statistics.intervals import difference_interval
 from analysis.statistics.slope import tail_change
 from tlr_exp import keys
 from tlr_exp.env import terms
@@ -91,7 +92,7 @@ def longer_static_at_first(evidence: Evidence) -> Finding:
     at, *both = evidence.common(keys.EPISODE_LENGTH)
     early, when = _early(at, evidence)
     static, two_layered = (values[:, early].mean(axis=1) for values in both)
-    interval = evidence.difference(two_layered, static)
+    interval = difference_interval(two_layered, static)
     ours = f"static longer by {interval_text(interval, 1)} steps {when}"
     return Finding(ours, *above_zero(interval, _STATIC_LONGER, _TWO_LAYERED_LONGER))
 
@@ -101,7 +102,7 @@ def tracks_better_at_first(metric: str) -> Callable[[Evidence], Finding]:
         at, *both = evidence.common(metric)
         early, when = _early(at, evidence)
         static, two_layered = (values[:, early].mean(axis=1) for values in both)
-        interval = evidence.difference(static, two_layered)
+        interval = difference_interval(static, two_layered)
         ours = f"static better by {interval_text(interval, 4)} m {when}"
         return Finding(ours, *above_zero(interval, "static arm tracks better", _TWO_LAYERED_BETTER))
 
@@ -117,7 +118,7 @@ def less_latency(evidence: Evidence) -> Finding:
         )
     known = [found.of_arm(evidence.study, LATENCY, arm) for arm in arms]
     static, two_layered = (each.to_numpy() for each in known)
-    interval = evidence.difference(two_layered, static)
+    interval = difference_interval(two_layered, static)
     ours = (
         f"{two_layered.mean():.0f} ms against {static.mean():.0f} ms; less by "
         f"{interval_text(interval, 1)} ms ({found.source})"
@@ -128,7 +129,7 @@ def less_latency(evidence: Evidence) -> Finding:
 def overtakes(evidence: Evidence) -> Finding:
     at, *both = evidence.common(keys.EPISODE_LENGTH)
     static, two_layered = (tail_mean(values, at) for values in both)
-    interval = evidence.difference(static, two_layered)
+    interval = difference_interval(static, two_layered)
     ours = f"two-layered longer by {interval_text(interval, 1)} steps in the last 20 %"
     return Finding(ours, *above_zero(interval, _TWO_LAYERED_LONGER, _STATIC_LONGER))
 
@@ -151,7 +152,7 @@ def final_weights(names: tuple[str, ...], paper: float) -> Callable[[Evidence], 
     """The last weights of some terms against the paper's: each of them, at 95 % together."""
 
     def judge(evidence: Evidence) -> Finding:
-        known = [name for name in names if keys.WEIGHT_PREFIX + name in evidence.metric_names]
+        known = [name for name in names if keys.WEIGHT_PREFIX + name in evidence.study.metric_names]
         if not known:
             return Finding("not in this reward", Verdict.CANNOT_SAY, "the terms are not in use")
         last = {name: evidence.treatment_curve(keys.WEIGHT_PREFIX + name)[:, -1] for name in known}
@@ -176,7 +177,7 @@ def final_weights(names: tuple[str, ...], paper: float) -> Callable[[Evidence], 
 def mean_weight(name: str, paper: float) -> Callable[[Evidence], Finding]:
     def judge(evidence: Evidence) -> Finding:
         metric = keys.WEIGHT_PREFIX + name
-        if metric not in evidence.metric_names:
+        if metric not in evidence.study.metric_names:
             return Finding("not in this reward", Verdict.CANNOT_SAY, f"{name} is not in use")
         means = evidence.treatment_curve(metric).mean(axis=1)
         return Finding(f"{means.mean():.3f}", *around(means, paper))

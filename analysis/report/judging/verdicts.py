@@ -1,11 +1,9 @@
-"""What can be said of a claim: verdicts from intervals over seeds, and whether it is too early.
+"""Verdicts on claims from intervals over seeds, and whether it is too early for one.
 
 A claim about policies that track is judged where policies track. A verdict on two arms stands
 unless their curves show that more training would take it back: still moving, at rates that close
 the gap within another training as long. Both are asked of these runs, by tests over their seeds.
 """
-
-from __future__ import annotations
 
 from enum import StrEnum
 
@@ -15,6 +13,7 @@ from analysis.measures.endpoints import TAIL_SHARE, tail_mean
 from analysis.measures.quantities import SUCCESS, quantity
 from analysis.report.cells import NBSP, interval_text, p_text
 from analysis.report.evidence import BODIES, Evidence, prediction_limits
+from analysis.statistics.intervals import difference_interval
 from analysis.statistics.results import Interval
 from analysis.statistics.slope import TailChange, tail_change
 
@@ -161,7 +160,7 @@ def taken_back(evidence: Evidence, metric: str) -> str:
     slopes = [tail_change(values, at).by_seed for values in (first, second)]
     if not all(np.isfinite(each).all() for each in slopes):
         return ""
-    closing = evidence.difference(*slopes)
+    closing = difference_interval(*slopes)
     gap = float(np.log(tail_mean(second, at).mean() / tail_mean(first, at).mean()))
     if not np.isfinite(closing.low) or closing.low <= 0.0 <= closing.high:
         return ""

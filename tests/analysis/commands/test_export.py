@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from studies import make_study, write_run_directories
+from studies import load_study, make_study, write_run_directories
 
 from analysis.commands.export import main
-from analysis.commands.sources import load_study
 from analysis.data.run_directories import from_run_directories
 from analysis.data.study import StudyError
 from analysis.data.tables import from_tables

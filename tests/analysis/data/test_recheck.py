@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import make_study
+from studies import load_study, make_study
 
-from analysis.commands.sources import load_study
 from analysis.data.check import checked, rechecked
 from analysis.data.runs import RunRecord, records_of
 from analysis.data.study import Study, StudyError

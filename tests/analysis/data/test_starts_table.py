@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from studies import make_study, with_starts, write_run_directories
+from studies import load_study, make_study, with_starts, write_run_directories
 
 from analysis.commands.export import main as export
-from analysis.commands.sources import load_study
 from analysis.data.starts import measures_in, of_runs, parse_starts, starts_beside
 from analysis.data.study import Study, StudyError
 from analysis.data.tables import from_tables, write_tables

@@ -18,14 +18,6 @@ def test_moving_average_by_hand():
     values = np.array([1.0, 2.0, 6.0, 3.0])
     assert lines.moving_average(values, 3) == pytest.approx([1.5, 3.0, 11 / 3, 4.5])
     assert lines.moving_average(values, 1) == pytest.approx(values)
-    stacked = lines.moving_average(np.stack([values, 2 * values]), 3)
-    assert stacked[1] == pytest.approx(2 * stacked[0])
-
-
-@pytest.mark.parametrize("window", [0, 2, -3])
-def test_moving_average_needs_a_middle(window):
-    with pytest.raises(ValueError, match="odd and at least 1"):
-        lines.moving_average(np.ones(5), window)
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=30), st.integers(0, 20))

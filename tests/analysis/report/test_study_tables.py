@@ -9,8 +9,7 @@ from studies import make_study
 
 from analysis.data.study import StudyError
 from analysis.measures.swept import sweep_of
-from analysis.report.reward_terms import table_1
-from analysis.report.study_tables import metrics_of, values_table
+from analysis.report.study_tables import metrics_of, table_1, values_table
 from tlr_exp import keys
 from tlr_exp.env.terms import PAPER_LOWER_LAYER, TERMS
 

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from analysis.statistics.autocorrelation import (
-    autocorrelation,
-    effective_sample_size,
-    integrated_time,
-)
+from analysis.statistics.autocorrelation import autocorrelation, integrated_time
 from analysis.statistics.nulls import ar1_curves
+from analysis.statistics.paper import dependence
 
 
 def ar1(phi: float, num_iterations: int, seed: int = 0) -> np.ndarray:
@@ -31,6 +28,7 @@ def test_autocorrelation_is_the_direct_sum(num_iterations: int) -> None:
     np.testing.assert_allclose(autocorrelation(series), np.array(direct) / direct[0], atol=1e-12)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize("phi", [-0.5, 0.0, 0.5, 0.9])
 def test_time_of_ar1_is_the_closed_form(phi: float) -> None:
     expected = (1 + phi) / (1 - phi)
@@ -38,17 +36,18 @@ def test_time_of_ar1_is_the_closed_form(phi: float) -> None:
     assert np.mean(times) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.simulation
 def test_effective_sample_size_is_what_the_mean_is_worth() -> None:
     # The variance of the mean of curves of variance 1 is 1 / effective sample size.
     curves = ar1_curves((4000, 500), 0.8, 0.0, np.random.default_rng(2))
     worth = 1 / curves.mean(axis=1).var()
-    estimated = np.mean([effective_sample_size(curve) for curve in curves[:200]])
+    estimated = np.mean([dependence(curve).effective_sample_size for curve in curves[:200]])
     # 9 iterations of 500: some 4 % of bias, for the mean is estimated too.
     assert estimated == pytest.approx(worth, rel=0.1)
 
 
 def test_independent_values_are_worth_themselves() -> None:
-    sizes = [effective_sample_size(ar1(0.0, 1000, seed)) for seed in range(50)]
+    sizes = [dependence(ar1(0.0, 1000, seed)).effective_sample_size for seed in range(50)]
     assert np.mean(sizes) == pytest.approx(1000, rel=0.05)
 
 
@@ -58,7 +57,7 @@ def test_alternating_values_are_bounded() -> None:
 
 
 def test_a_trend_is_dependence() -> None:
-    assert effective_sample_size(np.arange(1000.0)) < 10
+    assert dependence(np.arange(1000.0)).effective_sample_size < 10
 
 
 @pytest.mark.parametrize(

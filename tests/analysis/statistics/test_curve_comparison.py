@@ -85,6 +85,7 @@ def test_the_test_is_exact() -> None:
     assert (np.sort(p_values) >= np.arange(1, 21) / 20 - 1e-12).all()
 
 
+@pytest.mark.simulation
 def test_family_wise_error_under_a_null() -> None:
     generator = rng(6)
     studies = 300

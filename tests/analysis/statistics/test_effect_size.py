@@ -78,6 +78,7 @@ def test_limits_exist_however_large_the_effect(statistic: float, freedom: int) -
     assert noncentrality_limits(-statistic, freedom, 0.95) == pytest.approx((-high, -low), abs=1e-6)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("paired", "effect"), [(False, 0.0), (False, 2.0), (True, 1.0)])
 def test_g_is_unbiased_and_its_interval_covers(paired: bool, effect: float) -> None:
     generator = np.random.default_rng(12)

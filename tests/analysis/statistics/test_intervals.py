@@ -128,6 +128,7 @@ def shared(generator: np.random.Generator, num_seeds: int) -> Pair:
     return first + common, second + common
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("draw", "paired"), [(independent, False), (shared, True)])
 @pytest.mark.parametrize("num_seeds", [3, 5])
 def test_t_intervals_cover(draw: Callable, paired: bool, num_seeds: int) -> None:
@@ -141,6 +142,7 @@ def test_t_intervals_cover(draw: Callable, paired: bool, num_seeds: int) -> None
     assert difference == pytest.approx(0.95, abs=tolerance(0.95, studies) + slack)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("draw", "paired"), [(independent, False), (shared, True)])
 def test_fieller_intervals_cover(draw: Callable, paired: bool) -> None:
     generator = np.random.default_rng(6)
@@ -156,6 +158,7 @@ def test_fieller_intervals_cover(draw: Callable, paired: bool) -> None:
     assert rate == pytest.approx(0.95, abs=tolerance(0.95, studies) + slack)
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("num_seeds", "expected"), [(5, 0.882), (20, 0.936)])
 def test_bootstrap_covers_from_twenty_seeds_on(
     num_seeds: int, expected: float, monkeypatch: pytest.MonkeyPatch
@@ -167,28 +170,15 @@ def test_bootstrap_covers_from_twenty_seeds_on(
     )
     assert closed == pytest.approx(expected, abs=5e-4)
     monkeypatch.setattr(intervals, "BOOTSTRAP_SEEDS", 2)
+    monkeypatch.setattr(intervals, "BOOTSTRAP_RESAMPLES", 499)
     generator = np.random.default_rng(7)
     studies = 800
 
     def draw() -> Interval:
         first, second = generator.normal(size=(2, num_seeds))
-        return bootstrap_interval(first, second, generator=generator, num_resamples=499)
+        return bootstrap_interval(first, second, generator=generator)
 
     assert coverage(draw, 0.0, studies) == pytest.approx(closed, abs=tolerance(closed, studies))
-
-
-def test_bootstrap_of_interquartile_means_covers_at_twenty_seeds() -> None:
-    generator = np.random.default_rng(8)
-    studies = 400
-
-    def draw() -> Interval:
-        # Symmetric with heavy tails, so the true interquartile means are equal.
-        first, second = generator.standard_t(3, size=(2, 20))
-        return bootstrap_interval(
-            first, second, generator=generator, trimmed=True, num_resamples=299
-        )
-
-    assert coverage(draw, 0.0, studies) > 0.95 - tolerance(0.95, studies)
 
 
 @pytest.mark.parametrize("paired", [False, True])

@@ -112,6 +112,7 @@ def studies(motions: int, seeds: int, ratio: float, count: int):
         yield list(levels[:, None] * noise[0]), list(ratio * levels[:, None] * noise[1])
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize(("motions", "seeds"), [(8, 3), (3, 5)])
 def test_the_pooled_interval_covers_and_calls_nothing_different_as_often_as_stated(
     motions, seeds
@@ -129,6 +130,7 @@ def test_the_pooled_interval_covers_and_calls_nothing_different_as_often_as_stat
     assert wrong == pytest.approx(0.05, abs=0.023)
 
 
+@pytest.mark.simulation
 def test_the_bootstrap_covers_nearly_as_stated_with_three_seeds_on_eight_motions(
     monkeypatch,
 ) -> None:

@@ -19,6 +19,12 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(30)
 
 
+def reasons(result: Comparison) -> set[str]:
+    """Why some of the values are NaN."""
+    parts = [getattr(result, field.name) for field in fields(Comparison)]
+    return {part.reason for part in parts if getattr(part, "reason", "")}
+
+
 def test_independent_seeds_against_scipy() -> None:
     result = compare(BASELINE, TREATMENT, smaller_is_better=True, generator=rng())
     welch = stats.ttest_ind(TREATMENT, BASELINE, equal_var=False)
@@ -33,7 +39,7 @@ def test_independent_seeds_against_scipy() -> None:
     assert result.probability_of_improvement == (2.5 + 3 + 3.5 + 5 + 5) / 25
     assert result.smallest_p == pytest.approx(2 / 252)
     assert result.baseline.num_seeds == result.treatment.num_seeds == 5
-    assert result.notes == (result.bootstrap_difference.reason,)
+    assert reasons(result) == {result.bootstrap_difference.reason}
 
 
 def test_shared_seeds_against_scipy() -> None:
@@ -86,7 +92,7 @@ def test_what_the_data_do_not_allow_is_explained(
     baseline: list[float], treatment: list[float], note: str, paired: bool
 ) -> None:
     result = compare(baseline, treatment, smaller_is_better=True, paired=paired, generator=rng())
-    assert any(part in reason for part in note.split("|") for reason in result.notes)
+    assert any(part in reason for part in note.split("|") for reason in reasons(result))
     # A NaN never comes without its reason.
     for field in fields(Comparison):
         value = getattr(result, field.name)
@@ -121,7 +127,7 @@ def test_many_seeds_are_drawn_reproducibly(paired: bool) -> None:
 
     result = once()
     assert result == once()
-    assert result.notes == ()
+    assert not reasons(result)
     assert result.permutation_test.name.startswith("drawn")
     assert result.bootstrap_difference.low < result.difference.estimate
 

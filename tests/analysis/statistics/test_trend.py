@@ -56,6 +56,7 @@ def test_best_in_the_middle_is_a_difference_but_no_trend():
     assert found.monotone.p_value > 0.1
 
 
+@pytest.mark.simulation
 @pytest.mark.parametrize("test", ["monotone", "any_difference"])
 def test_false_alarms_under_a_true_null(test):
     """Of 200 studies without an effect a sound test calls 5 % significant; 10 % would be 3.2 sd."""

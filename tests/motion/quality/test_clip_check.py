@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from tlr_exp.motion.importers.convert import import_motion
 from tlr_exp.motion.quality.check import check_clip, worst_verdict
-from tlr_exp.motion.quality.jumps import accelerations, rotation_steps
+from tlr_exp.motion.quality.jumps import accelerations
 from tlr_exp.motion.quality.limits import LIMITS, Limit
 from tlr_exp.robot.g1 import G1
 
@@ -130,15 +129,6 @@ def test_jumps_of_the_root(found, standing):
     assert findings["root jump"].value == pytest.approx(250)
     assert findings["root rotation jump"].value == pytest.approx(1500)
     assert findings["root rotation jump"].time_s == pytest.approx(0.8)
-
-
-def test_rotation_steps_are_scipys():
-    rng = np.random.default_rng(0)
-    turns = Rotation.from_quat(rng.standard_normal((50, 4)))
-    ours = rotation_steps(turns.as_quat(scalar_first=True))
-    np.testing.assert_allclose(ours, (turns[:-1].inv() * turns[1:]).as_rotvec(), atol=1e-12)
-    same = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
-    np.testing.assert_array_equal(rotation_steps(same), 0.0)
 
 
 def test_a_steady_turn_does_not_jump():

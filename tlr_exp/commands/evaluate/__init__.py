@@ -1,7 +1,5 @@
 """tlr-evaluate: how well trained policies track their motion; tables, pictures, viewers."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,6 +1,4 @@
-"""Which runs of several belong together: the method, and the settings in which its runs differ."""
-
-from __future__ import annotations
+"""Tells which runs belong together: the method, and the settings in which its runs differ."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

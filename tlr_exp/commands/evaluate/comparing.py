@@ -1,7 +1,5 @@
 """Policies of several runs below their reference, one strip for each checkpoint."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

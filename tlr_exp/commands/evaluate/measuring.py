@@ -1,7 +1,5 @@
 """One policy measured: a table, JSON, curves of its errors, keyframes and a video."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

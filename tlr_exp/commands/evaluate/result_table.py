@@ -1,4 +1,4 @@
-"""What was measured on one roll-out, as a table for the terminal."""
+"""The measures of one roll-out as a table for the terminal."""
 
 from rich.table import Table
 

@@ -1,7 +1,5 @@
 """The roll-outs of several runs: all of them as a CSV, and their means by arm as a table."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Policies as rows of a strip: what they are called there."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Many runs measured from many start phases: several at a time, and only those not measured yet."""
 
-from __future__ import annotations
-
 import dataclasses
 import multiprocessing
 import signal

@@ -1,7 +1,5 @@
 """A policy's roll-out in a viewer."""
 
-from __future__ import annotations
-
 from tlr_exp.evaluation.choosing import Choice
 from tlr_exp.viewing.viewer import Viewer
 

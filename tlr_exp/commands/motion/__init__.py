@@ -1,7 +1,5 @@
 """tlr-motion: bring motions of other projects in, check, repair and join clips, look at them."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """tlr-motion check: what is physically wrong with clips, and --fix what can be fixed honestly."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -1,7 +1,5 @@
 """Clips as arguments and as results of tlr-motion."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """tlr-motion import: a clip from a motion file of another project."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """tlr-motion join: clips one after the other, as one."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """tlr-motion info and list: what a clip holds and asks of a robot, which motions there are."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import textwrap

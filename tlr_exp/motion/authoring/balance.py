@@ -1,4 +1,4 @@
-"""Where the centre of mass must go for the feet to carry it: a plan by quadratic programming.
+"""Plans where the centre of mass must go for the feet to carry it, by quadratic programming.
 
 A robot on flat ground does not tip while its zero-moment point (ZMP) stays within the support
 polygon, the hull of what touches the floor (Vukobratovic). With the angular momentum known, the

@@ -1,4 +1,4 @@
-"""Which format a file has, from its content."""
+"""Detects the format of a file from its content."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""What every reader returns, and the checks that all of them share."""
+"""The motion that every reader returns, and the checks that all of them share."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

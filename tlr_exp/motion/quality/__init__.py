@@ -1,1 +1,1 @@
-"""What is physically wrong with a clip, what of it can be repaired, and joining clips."""
+"""Finds what is physically wrong with a clip, repairs what can be, and joins clips."""

@@ -1,4 +1,4 @@
-"""What is physically wrong with a clip, measure by measure."""
+"""Finds what is physically wrong with a clip, measure by measure."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What is right and what is wrong: the limits of every measure (docs/motions.md grounds them)."""
+"""The limits of every measure, between right and wrong (docs/motions.md grounds them)."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What can be repaired honestly: ends, joint limits, jumps, the height over the floor.
+"""Repairs what can be repaired honestly: ends, joint limits, jumps, the height over the floor.
 
 A repair takes configurations [T, 30] and gives them back with a list of what it changed, in words.
 Velocities and bodies are computed anew from the result. What would have to be invented (where a

@@ -1,7 +1,5 @@
 """SLURM's commands, and what their answers mean."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

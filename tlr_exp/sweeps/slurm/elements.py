@@ -1,6 +1,4 @@
-"""Which element of which job array is which job of the sweep: launcher/slurm.json."""
-
-from __future__ import annotations
+"""Keeps which element of which job array is which job of the sweep: launcher/slurm.json."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Submits the jobs of a sweep that the queue does not have yet, and waits for each by itself."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress

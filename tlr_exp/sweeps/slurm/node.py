@@ -6,8 +6,6 @@ which the training writes a checkpoint. After a warning the element is queued ag
 is the job's, so that SLURM's accounts say which failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

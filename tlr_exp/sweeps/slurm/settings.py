@@ -1,4 +1,4 @@
-"""What a sweep asks of SLURM for each of its jobs: conf/hydra/launcher/slurm.yaml, checked."""
+"""Checks what a sweep asks of SLURM for each of its jobs: conf/hydra/launcher/slurm.yaml."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from tlr_exp.config.checks import is_number
 from tlr_exp.sweeps.parallel import LauncherError
 
 # SLURM looks at time limits now and then, so a warning can come so much sooner than asked for.
@@ -73,7 +74,7 @@ class SlurmSettings:
         for name in ("cpus_per_task", "array_parallelism"):
             if getattr(self, name) is not None:
                 _require_whole(name, getattr(self, name), 1)
-        if self.mem_gb is not None and not _is_number(self.mem_gb, 0):
+        if self.mem_gb is not None and not (is_number(self.mem_gb) and self.mem_gb > 0):
             raise LauncherError(f"{_PREFIX}.mem_gb={self.mem_gb}: must be more than 0, or null")
         if isinstance(self.setup, str):
             raise LauncherError(
@@ -139,7 +140,3 @@ def _mem_mb(config: Mapping[str, Any]) -> int:
 def _require_whole(name: str, value: Any, least: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise LauncherError(f"{_PREFIX}.{name}={value}: must be a whole number, {least} or more")
-
-
-def _is_number(value: Any, above: float) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > above

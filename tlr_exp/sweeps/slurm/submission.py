@@ -1,7 +1,5 @@
 """Submitting jobs: the options of sbatch, and the script that each element runs."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Sequence

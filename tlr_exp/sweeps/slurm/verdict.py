@@ -1,6 +1,4 @@
-"""What becomes of a job, from what its run, its record and the queue say of it."""
-
-from __future__ import annotations
+"""Decides what becomes of a job, from what its run, its record and the queue say of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""What files leave open (orders, units, axes), and what gives a wrong reading away."""
+"""Decides what files leave open (orders, units, axes), and finds signs of a wrong reading."""

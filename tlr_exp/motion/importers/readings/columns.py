@@ -1,4 +1,4 @@
-"""What the columns of a table are called: time, root, joints, under the names that are in use."""
+"""Finds the columns of a table, time, root and joints, by the names that are in use."""
 
 import re
 from dataclasses import dataclass, field

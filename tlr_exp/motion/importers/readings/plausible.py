@@ -1,4 +1,4 @@
-"""Whether a motion looks like a robot on a floor, or like a file read by the wrong conventions.
+"""Tells a motion of a robot on a floor from a file read by the wrong conventions.
 
 A table in centimetres, with quaternions in the other order or with another axis pointing up has
 the shape of any other. So every import is measured: where the robot stands, by forward kinematics,

@@ -1,4 +1,4 @@
-"""How a robot is there in a motion: on the floor or not, upright or not, how fast."""
+"""Measures how a robot is there in a motion: on the floor or not, upright or not, how fast."""
 
 from dataclasses import dataclass
 

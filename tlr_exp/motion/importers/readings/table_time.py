@@ -1,4 +1,4 @@
-"""What a column of times or of frames' numbers says of a table's rate."""
+"""Reads a table's rate from a column of times or of frames' numbers."""
 
 import numpy as np
 
