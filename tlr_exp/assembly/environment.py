@@ -28,7 +28,17 @@ def build_env(
     """The environment that a run trains in; it goes on from a ``saved`` simulation."""
     physics = _physics(settings, robot, settings.scale.num_envs)
     reference, seed = Reference(clip, settings.device), Seeds.of(settings.seed).env
-    return TrackingEnv(physics, reference, robot, terms, settings.env, seed, saved=saved)
+    return TrackingEnv(
+        physics,
+        reference,
+        robot,
+        terms,
+        settings.env,
+        seed,
+        potentials=settings.reward.shaping,
+        sigma_rate=settings.reward.sigma_rate,
+        saved=saved,
+    )
 
 
 def build_evaluation_env(

@@ -10,6 +10,14 @@ from tlr_exp.config.nested import flat, with_value
 # Keys that runs of earlier versions lack, with the value that says what these runs did.
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
+    "reward.ranked": "segment",
+    "reward.shaping": [],
+    "reward.sigma_rate": None,
+    "env.termination.distance_max_m": None,
+    "env.termination.mean_episodes": None,
+    "ppo.std": "log",
+    "curriculum": "none",
+    "stages": [],
     "precision": "float32",
     "scale.evaluate_starts": 1,
     "recipe": "paper",

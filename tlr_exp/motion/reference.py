@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from tlr_exp.errors import UserError
 from tlr_exp.motion.clip import MotionClip
 
 
@@ -46,6 +47,27 @@ class Reference:
         self._rows = torch.as_tensor(np.hstack(rows), dtype=torch.float32, device=self.device)
         self._widths = [row.shape[1] for row in rows]
         self._shapes = [array.shape[1:] for array in arrays]
+
+    def check(self, control_dt_s: float, lead: int) -> None:
+        """Refuse a motion at another rate than the control's, or too short to be read ahead.
+
+        Args:
+            control_dt_s: duration of a control step, seconds.
+            lead: frames by which the motion is read ahead.
+
+        Raises:
+            UserError: says what is needed.
+        """
+        rate_hz = 1.0 / control_dt_s
+        if abs(self.fps - rate_hz) > 1e-6:
+            raise UserError(
+                f"the motion has {self.fps:g} frames a second, the control rate is "
+                f"{rate_hz:g} Hz: resample the clip first"
+            )
+        if self.num_frames < lead + 2:
+            raise UserError(
+                f"a motion needs at least {lead + 2} frames, this one has {self.num_frames}"
+            )
 
     def frame(self, index: Tensor) -> ReferenceFrame:
         """The reference at whole frames.
