@@ -27,7 +27,7 @@ def test_the_table_of_sweeps_says_what_each_one_runs(path):
     (row,) = re.findall(rf"^\| `{path.stem}` \|.*\|$", table, flags=re.MULTILINE)
     params = yaml.safe_load(path.read_text())["hydra"]["sweeper"]["params"]
     seeds = [int(seed) for seed in str(params.pop("seed")).split(",")]
-    assert f"seeds {seeds[0]} to {seeds[-1]}" in row
+    assert (f"seeds {seeds[0]} to {seeds[-1]}" if seeds[1:] else f"seed {seeds[0]}") in row
     for key, value in params.items():
         values = str(value).split(",")
         if len(values) == 1:  # what all jobs have, or a pattern

@@ -18,6 +18,10 @@ UPPER_BODY_ERROR = "upper_body_error"  # [num_envs, 1], metres
 LOWER_BODY_ERROR = "lower_body_error"  # [num_envs, 1], metres
 JOINT_ERROR = "joint_error"  # [num_envs, 1], radians
 FELL = "fell"  # [num_envs, 1], bool: the pelvis tilted too far
+PHASE = "phase"  # [num_envs, 1], of the motion at the reference's instant, from 0 to 1
+STATE_COSTS = (
+    "state_costs"  # [num_envs, n], raw, of the state shown; only where costs are potentials
+)
 UNSTABLE = "unstable"  # [num_envs, 1], bool: the physics state diverged (tlr_exp/env/tracking.py)
 
 
@@ -47,6 +51,8 @@ TRAIN_UPPER_BODY_ERROR_AT_EQUAL_AGES = "train/upper_body_error_at_equal_ages_m"
 TRAIN_LOWER_BODY_ERROR_AT_EQUAL_AGES = "train/lower_body_error_at_equal_ages_m"
 UNSTABLE_ENVS = "train/unstable_envs"
 DISTANCE_LIMIT = "train/distance_limit_m"  # beyond which a body ends an episode
+STAGE = "train/stage"  # of the curriculum, from 1; only where there is one
+SIGMA_PREFIX = "train/sigma/"  # of a goal term; only where sigmas adapt
 OBJECTIVE_BEFORE = "train/objective_before"  # J at the weights 1 (the static reward)
 OBJECTIVE_AFTER = "train/objective_after"  # J at the weights in use
 OPTIMAL_SHARE = "train/optimal_share"  # share of the pack that reaches the best J

@@ -84,6 +84,13 @@ def test_every_optimizer_is_built_with_every_objective(optimizer, objective):
         ("reward.parameters.body_pos.sigma=-1", ["body_pos.sigma is -1.0", "above 0"]),
         ("reward.parameters.dof_pos_limits.margin=5", ["margin is 5.0", "below 1"]),
         ("scale.name=a/b", ["scale.name is 'a/b'", "letters"]),
+        (
+            "reward.shaping=[action_smoothness]",
+            ["action_smoothness is no cost of the state", "base"],
+        ),
+        ("reward.shaping=[speed]", ["reward.shaping: speed is no reward term; allowed: base"]),
+        ("reward.shaping=[lin_vel_z,lin_vel_z]", ["lin_vel_z stands there twice"]),
+        ("reward.ranked=all", ["reward.ranked is 'all'", "segment, episode, per_step, age_"]),
         ("device=7", ["device is '7'", "cuda"]),
     ],
 )
@@ -92,6 +99,11 @@ def test_a_mistake_is_named_with_what_is_allowed(override, words):
         load_settings(composed(override))
     for word in words:
         assert word in str(error.value)
+
+
+def test_a_potential_needs_a_coefficient():
+    with pytest.raises(ConfigError, match=r"reward\.shaping: lin_vel_z has no coefficient"):
+        load_settings(composed("reward=shaping", "~reward.optimizing.lin_vel_z"))
 
 
 def test_a_whole_number_may_stand_for_a_constant_of_a_term():

@@ -163,3 +163,22 @@ def test_a_restored_one_goes_on_with_the_same_bits():
 def test_another_motion_s_failures_are_refused():
     with pytest.raises(ValueError, match="have 4 bins, this motion has 2"):
         adaptive(100).load_state_dict(adaptive(200).state_dict())
+
+
+# --- a part of the motion --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("phases", "expected"),
+    [([0.0, 0.0], {0}), ([0.25, 0.5], {5, 6, 7, 8, 9}), ([1.0, 1.0], {19}), (None, set(range(20)))],
+)
+def test_starts_keep_within_a_part_of_the_motion(phases, expected):
+    starts = StartFrames("random", 20, 50.0, CPU)
+    starts.keep_within([0.5, 0.6])
+    starts.keep_within(phases)
+    assert set(starts.draw(500, generator()).tolist()) == expected
+
+
+def test_starts_anywhere_are_the_draws_that_they_were():
+    drawn = StartFrames("random", 20, 50.0, CPU).draw(50, generator())
+    assert torch.equal(drawn, torch.randint(20, (50,), generator=generator()))

@@ -14,16 +14,46 @@ from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fel
 CPU = torch.device("cpu")
 
 
-def limits(**changes: float) -> TerminationSettings:
+def limits(**changes: float | None) -> TerminationSettings:
     values = {
         "max_tilt": 0.8,
         "distance_start_m": 1.6,
         "distance_end_m": 0.4,
+        "distance_max_m": None,
         "tighten_rate": 0.5,
         "tighten_above_steps": 42.0,
         "loosen_below_steps": 40.0,
+        "mean_episodes": None,
     }
     return TerminationSettings(**{**values, **changes})
+
+
+def test_by_the_letter_of_asap_the_limit_loosens_further_and_more_episodes_count():
+    limit = TighteningDistance(limits(distance_max_m=3.0, mean_episodes=10), num_envs=2, device=CPU)
+    lengths = torch.tensor([20, 40])
+    limit.update(lengths, torch.tensor([True, True]))
+    assert limit.mean_length.item() == pytest.approx(6.0)  # 2/10 of the way from 0 to 30
+    assert limit.value_m.item() == pytest.approx(2.4)
+    limit.update(lengths, torch.tensor([False, False]))
+    assert limit.value_m.item() == pytest.approx(3.0)  # and no further
+
+
+def test_a_mean_of_fewer_episodes_than_end_at_once_is_theirs():
+    limit = TighteningDistance(limits(mean_episodes=1), num_envs=2, device=CPU)
+    limit.update(torch.tensor([20, 40]), torch.tensor([True, True]))
+    assert limit.mean_length.item() == pytest.approx(30.0)
+
+
+def test_a_limit_that_is_held_does_not_move_until_it_is_released():
+    limit = TighteningDistance(limits(), num_envs=1, device=CPU)
+    long, done = torch.tensor([100]), torch.tensor([True])
+    limit.hold(0.9)
+    limit.update(long, done)
+    assert limit.value_m.item() == pytest.approx(0.9)
+    assert limit.mean_length.item() == 100.0  # it is counted meanwhile
+    limit.hold(None)
+    limit.update(long, done)
+    assert limit.value_m.item() == pytest.approx(0.45)  # tightened by half from there
 
 
 # --- single failures -------------------------------------------------------------------------

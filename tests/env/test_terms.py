@@ -73,7 +73,11 @@ def test_what_a_term_is_called_and_takes_is_what_its_function_says():
     assert (terms.torque_limits.is_cost, terms.torque_limits.constants) == (True, ("margin",))
     assert terms.torques.constants == ()
     assert COSTS[:7] == terms.PAPER_LOWER_LAYER
-    assert COSTS[7:] == ("torques", "termination")
+    assert COSTS[7:] == (
+        *("torques", "termination"),
+        *("dof_pos_excess", "dof_vel_excess", "torque_excess"),
+        *("feet_orientation", "feet_heading", "slippage"),
+    )
 
 
 @pytest.mark.parametrize("name", GOAL_TERMS)
@@ -86,6 +90,9 @@ def test_a_robot_that_stands_still_within_its_limits_costs_nothing(name, trackin
     step = tracking(2)
     step.state.qpos[:, 7:] = 1.0
     step.state.qvel[:] = 0.0
+    upright = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    step.state.qpos[:, 3:7] = upright
+    step.state.body_quat_w[:] = upright
     assert TERMS[name](step, **constants_of(name)).tolist() == [0.0] * 2
 
 

@@ -63,7 +63,7 @@ def test_a_step_reports_raw_terms_and_no_reward(make_env):
     step = env.step(env.reset().set(keys.ACTION, torch.zeros(NUM_ENVS, 23)))
     assert set(step["next"].keys()) == {
         *(keys.OBSERVATION, keys.PRIVILEGED, keys.REWARD_TERMS),
-        *(keys.FELL, keys.UNSTABLE),
+        *(keys.FELL, keys.UNSTABLE, keys.PHASE),
         *(keys.UPPER_BODY_ERROR, keys.LOWER_BODY_ERROR, keys.JOINT_ERROR),
         *(keys.TERMINATED, keys.TRUNCATED, keys.DONE),
     }

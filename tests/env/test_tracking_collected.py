@@ -5,6 +5,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torchrl.collectors import Collector
 from torchrl.envs import EnvBase
+from torchrl.envs.utils import check_env_specs
 
 from tlr_exp import keys
 from tlr_exp.env.instant import Instant
@@ -97,3 +98,26 @@ def test_stepping_with_resets_gives_what_torchrl_gives_to_the_bit(make_env):
             assert torch.equal(now.get(key), other.get(key)), key
         resets += int(stepped["next", keys.DONE].sum())
     assert resets > 4
+
+
+def test_costs_of_the_state_are_shown_where_a_step_begins_across_resets(make_env):
+    """As potentials need them: at the end of the motion not those of the next start."""
+    names = ["lin_vel_z", "base_height"]
+    env = make_env("env.start_phase=zero", potentials=names, failures=False)
+    check_env_specs(env)
+    policy = TensorDictModule(
+        lambda seen: 0.1 * seen[:, :23], in_keys=[keys.OBSERVATION], out_keys=[keys.ACTION]
+    )
+    batch = build_collect(env, policy, num_steps=45)()
+    before = batch[keys.STATE_COSTS]
+    after = batch["next", keys.REWARD_TERMS][..., [env.term_names.index(name) for name in names]]
+    assert torch.equal(batch["next", keys.STATE_COSTS], after)
+    ends = batch["next", keys.DONE].squeeze(-1)[0].nonzero().flatten().tolist()
+    assert ends == [38]  # 39 steps lead from frame 0 to the last but one
+    goes_on = [step for step in range(44) if step not in ends]
+    assert torch.equal(before[:, [step + 1 for step in goes_on]], after[:, goes_on])
+    # Every episode starts in the same state, and not in that in which the last one ended.
+    assert torch.equal(before[:, 39], before[:, 0])
+    assert not torch.equal(before[:, 39], after[:, 38])
+    heights = env.reference.frame(torch.tensor([0, 1])).qpos[:, 2]
+    torch.testing.assert_close(before[0, 0, 1], (heights[0] - heights[1]).square())

@@ -20,8 +20,8 @@ from tlr_exp.reward.objectives import RankDeviation
 CHOICES = sorted(path.stem for path in (Path(conf.__path__[0]) / "optimizer").glob("*.yaml"))
 GRADIENTS = ["gradnorm", "meta_gradient", "pcgrad"]  # weigh by policy gradients
 UNSEARCHED = ["curriculum", "fixed", "lagrangian", "random", "zero", *GRADIENTS]
-GATES = ["when_tracking"]  # searches at times; tested in a file of their own
-SEARCHES = [choice for choice in CHOICES if choice not in (*UNSEARCHED, *GATES)]
+AROUND = ["smoothed", "staged", "under_curriculum", "when_tracking"]  # in files of their own
+SEARCHES = [choice for choice in CHOICES if choice not in (*UNSEARCHED, *AROUND)]
 BOXED = [
     *(choice for choice in SEARCHES if choice != "effective_dimension"),
     *("random", "gradnorm", "meta_gradient"),

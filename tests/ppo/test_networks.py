@@ -13,7 +13,15 @@ from torchrl.envs import ExplorationType, set_exploration_type
 
 from tlr_exp import keys
 from tlr_exp.config.limits import ACTIVATIONS as ALLOWED_ACTIVATIONS
-from tlr_exp.ppo.networks import ACTIVATIONS, RunningNorm, build_actor, build_critic, update_norms
+from tlr_exp.ppo.networks import (
+    ACTIVATIONS,
+    SMALLEST_STD,
+    GaussianHead,
+    RunningNorm,
+    build_actor,
+    build_critic,
+    update_norms,
+)
 
 OBSERVATION_DIM, PRIVILEGED_DIM, ACTION_DIM = 6, 4, 3
 
@@ -251,3 +259,17 @@ def test_updated_norms_reach_the_first_layer(settings):
     torch.testing.assert_close(
         normalised.std(dim=0), torch.full((6,), math.sqrt(200 / 199)), atol=1e-4, rtol=0
     )
+
+
+def test_a_standard_deviation_that_is_learned_linearly_stays_positive():
+    mean = torch.zeros(3, 2)
+    linear, log = GaussianHead(2, 0.5, "linear"), GaussianHead(2, 0.5)
+    torch.testing.assert_close(linear(mean)[1], log(mean)[1])
+    # The derivative by the parameter: 1 and the deviation itself.
+    for head, slope in ((linear, 1.0), (log, 0.5)):
+        head(mean)[1][0].sum().backward()
+        (parameter,) = head.parameters()
+        torch.testing.assert_close(parameter.grad, torch.full((2,), slope))
+    with torch.no_grad():
+        linear.std.fill_(-1.0)
+    assert (linear(mean)[1] == SMALLEST_STD).all()

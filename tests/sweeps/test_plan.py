@@ -20,6 +20,11 @@ RIVALS = (
     *("fixed", "zero", "random", "gwo", "curriculum", "when_tracking", "lagrangian", "gradnorm"),
     *("pcgrad", "meta_gradient"),
 )
+READINGS = (
+    *("none", "episode", "per_step", "age_matched", "normalized", "smoothed", "under_curriculum"),
+    *("when_tracking", "linear_limits", "asap_sigmas", "asap_distance", "fall_penalty"),
+    *("linear_std", "asap_robot"),
+)
 OBJECTIVES = ("rank_deviation", "retained_share", "kendall", "spearman")
 PENALTY_SCALES = ("0.01", "0.1", "0.3", "1", "3", "10")
 SHARES = ("0.02", "0.05", "0.1", "0.2", "0.3", "0.5")
@@ -33,6 +38,7 @@ PRESETS = {
     "five_seeds": (seeds(5, ["fixed", "gwo"]), ("optimizer",)),
     "controls": (seeds(5, CONTROLS), ("optimizer",)),
     "rivals": (seeds(5, RIVALS), ("optimizer",)),
+    "readings": ([f"reading={reading}" for reading in READINGS], ("reading",)),
     "which_optimizer": (seeds(3, OPTIMIZERS), ("optimizer",)),
     "which_objective": (seeds(3, OBJECTIVES, "reward/objective"), ("reward/objective",)),
     "penalty_scale": (

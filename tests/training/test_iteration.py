@@ -10,7 +10,9 @@ from tlr_exp.optimizer.protocol import TrainingProgress, WeightUpdate
 from tlr_exp.ppo.learner import PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import RankDeviation
+from tlr_exp.reward.shaping import Shaping
 from tlr_exp.reward.split import RewardSplit
+from tlr_exp.reward.trajectories import Segments
 from tlr_exp.training.iteration import Trainer
 
 NUM_ENVS, NUM_STEPS = 4, 6
@@ -52,6 +54,7 @@ def batch_of(done: torch.Tensor) -> TensorDict:
     }
     nowhere = torch.zeros(NUM_ENVS, NUM_STEPS, 1, dtype=torch.bool)
     after |= dict.fromkeys((keys.UNSTABLE, keys.FELL, keys.TERMINATED), nowhere)
+    after[keys.PHASE] = torch.zeros(NUM_ENVS, NUM_STEPS, 1)
     after[keys.TRUNCATED] = done[..., None]
     after[keys.REWARD_TERMS] = torch.rand(NUM_ENVS, NUM_STEPS, 2, generator=generator)
     after[keys.DONE] = done[..., None]
@@ -71,6 +74,8 @@ def test_the_optimizer_hears_how_long_episodes_last_before_it_is_asked() -> None
         split=RewardSplit(
             {"body_pos": 1.0}, {"ang_vel_xy": -1.0}, 0.02, ["body_pos", "ang_vel_xy"]
         ),
+        shaping=Shaping([], ["body_pos", "ang_vel_xy"], 0.99),
+        trajectories=Segments(),
         weight_optimizer=optimizer,
         box_sample=BoxSample(1, objective),
         ppo=ppo,  # type: ignore[arg-type]

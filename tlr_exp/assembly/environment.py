@@ -38,6 +38,8 @@ def build_env(
     reference, seeds = Reference(clip, settings.device), Seeds.of(settings.seed)
     return TrackingEnv(
         *(physics, reference, robot, terms, settings.env, seeds.env),
+        potentials=settings.reward.shaping,
+        sigma_rate=settings.reward.sigma_rate,
         saved=saved,
         noise_seed=seeds.noise,
         disturbance_seed=seeds.disturbance,

@@ -11,7 +11,7 @@ from tlr_exp.records.runs import config_hash
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
-    *("precision", "recipe"),
+    *("precision", "recipe", "curriculum"),
     *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
     *("scale.checkpoint_every", "scale.keep_checkpoints"),
 )

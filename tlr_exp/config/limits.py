@@ -27,7 +27,10 @@ OBSERVATIONS = ("history", "reference")
 ACTIONS = ("default_pose", "current_pose", "reference_pose", "reference_motion")
 START_PHASES = ("random", "adaptive", "zero")
 DISTRIBUTIONS = ("uniform", "gaussian")
+RANKED = ("segment", "episode", "per_step", "age_matched")
+STAGE_CONDITIONS = ("iteration", "episode_length", "goal_share", "body_error_m")
 ACTIVATIONS = ("elu", "relu", "tanh")
+STANDARD_DEVIATIONS = ("log", "linear")
 PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")
 
@@ -123,10 +126,14 @@ LIMITS: Mapping[str, Check] = {
     "env.termination.max_tilt": _within(0, 1),
     "env.termination.distance_start_m": _ABOVE_0,
     "env.termination.distance_end_m": _ABOVE_0,
+    "env.termination.distance_max_m": _ABOVE_0,
     "env.termination.tighten_rate": _within(0, 1),
     "env.termination.tighten_above_steps": _at_least(0),
     "env.termination.loosen_below_steps": _at_least(0),
+    "env.termination.mean_episodes": _at_least(1),
     "reward.penalty_scale": _at_least(0),
+    "reward.ranked": _one_of(RANKED),
+    "reward.sigma_rate": _within(0, 1),
     "ppo.num_steps": _at_least(1),
     "ppo.num_epochs": _at_least(1),
     "ppo.num_minibatches": _at_least(1),
@@ -146,6 +153,7 @@ LIMITS: Mapping[str, Check] = {
     "ppo.hidden_sizes": _check_layers,
     "ppo.activation": _one_of(ACTIVATIONS),
     "ppo.initial_std": _ABOVE_0,
+    "ppo.std": _one_of(STANDARD_DEVIATIONS),
     "scale.num_envs": _at_least(1),
     "scale.iterations": _at_least(1),
     "scale.evaluate_every": _at_least(1),

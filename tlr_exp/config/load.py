@@ -19,7 +19,8 @@ from tlr_exp.config.checks import SettingError, check_above, no_such_key
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
 from tlr_exp.config.settings import RewardSettings, Settings
-from tlr_exp.env.terms import COSTS, TERMS
+from tlr_exp.config.stages import stage_problems
+from tlr_exp.env.terms import COSTS, STATE_COSTS, TERMS
 from tlr_exp.errors import UserError
 from tlr_exp.motion.clips import motion_names
 from tlr_exp.records.checkpoint_files import initial_checkpoint
@@ -167,6 +168,7 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
                 yield f"reward.{group}.{name} is {coefficient}; allowed: a finite number"
     if not reward.goal:
         yield "reward.goal is empty; it needs at least one term, by which trajectories are ranked"
+    yield from _shaping_problems(reward)
     for name in (*reward.goal, *reward.optimizing):
         needed = set(TERMS[name].constants if name in TERMS else ())
         given = set(reward.parameters.get(name, {}))
@@ -182,6 +184,17 @@ def _reward_problems(reward: RewardSettings) -> Iterator[str]:
             )
 
 
+def _shaping_problems(reward: RewardSettings) -> Iterator[str]:
+    for number, name in enumerate(reward.shaping):
+        if name not in STATE_COSTS:
+            why = "no cost of the state alone" if name in TERMS else "no reward term"
+            yield f"reward.shaping: {name} is {why}; allowed: {', '.join(STATE_COSTS)}"
+        elif name not in reward.optimizing:
+            yield f"reward.shaping: {name} has no coefficient in reward.optimizing"
+        if name in reward.shaping[:number]:
+            yield f"reward.shaping: {name} stands there twice"
+
+
 def _fit_problems(settings: Settings) -> Iterator[str]:
     ppo, termination = settings.ppo, settings.env.termination
     if settings.scale.num_envs * ppo.num_steps < ppo.num_minibatches:
@@ -195,6 +208,8 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     if termination.distance_end_m > termination.distance_start_m:
         yield "env.termination.distance_end_m exceeds env.termination.distance_start_m"
+    if (termination.distance_max_m or math.inf) < termination.distance_start_m:
+        yield "env.termination.distance_start_m exceeds env.termination.distance_max_m"
     disturbance = settings.env.disturbance
     if (disturbance.push_m_s is None) != (disturbance.push_every_s is None):
         yield (
@@ -202,6 +217,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
             "how often, such as [0,0.5] and [1,3]"
         )
     yield from _limit_problems(settings.optimizer)
+    yield from stage_problems(settings)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"

@@ -16,17 +16,21 @@ class TerminationSettings:
         max_tilt: largest |x| or |y| component of the projected gravity (1 = lying down).
         distance_start_m: largest distance of a tracked body from its reference, at first.
         distance_end_m: the same once it has tightened.
+        distance_max_m: the largest that it loosens to; null: ``distance_start_m``.
         tighten_rate: share by which the limit changes in one control step.
         tighten_above_steps: it shrinks while the mean episode is longer than this.
         loosen_below_steps: it grows back while the mean episode is shorter than this.
+        mean_episodes: about how many finished episodes the mean is of; null: one per environment.
     """
 
     max_tilt: float
     distance_start_m: float
     distance_end_m: float
+    distance_max_m: float | None
     tighten_rate: float
     tighten_above_steps: float
     loosen_below_steps: float
+    mean_episodes: int | None
 
 
 @dataclass
@@ -121,6 +125,10 @@ class RewardSettings:
         optimizing: coefficient of each lower-layer term, which the weights in [0, 1] multiply.
         penalty_scale: multiplies the coefficients of all lower-layer terms.
         parameters: constants of the terms, by term.
+        sigma_rate: at which sigmas of tracking terms follow the errors, per control step; null:
+            they stay (``tlr_exp.env.temperatures``).
+        shaping: lower-layer terms that act as potentials (``tlr_exp.reward.shaping``).
+        ranked: what a trajectory is that the search ranks (``tlr_exp.reward.trajectories``).
         objective: what the weight optimizer minimises (``_target_`` and its settings).
     """
 
@@ -128,7 +136,27 @@ class RewardSettings:
     optimizing: dict[str, float]
     penalty_scale: float
     parameters: dict[str, dict[str, float]]
+    sigma_rate: float | None
+    shaping: list[str]
+    ranked: str
     objective: dict[str, Any]
+
+
+@dataclass
+class StageSettings:
+    """One stage of a curriculum; ``conf/curriculum/hierarchical.yaml`` explains each value.
+
+    Attributes:
+        enter_when: what each fact of the training must have reached for the stage to be entered.
+        weights: of lower-layer terms, while the stage lasts.
+        distance_m: the distance limit that is held; null: it follows its own rule.
+        start_phases: first and last share of the motion in which episodes start; null: anywhere.
+    """
+
+    enter_when: dict[str, float]
+    weights: dict[str, float]
+    distance_m: float | None
+    start_phases: list[float] | None
 
 
 @dataclass
@@ -155,6 +183,7 @@ class PpoSettings:
     hidden_sizes: list[int]
     activation: str
     initial_std: float
+    std: str
 
 
 @dataclass
@@ -173,13 +202,18 @@ class ScaleSettings:
 
 @dataclass
 class Settings:
-    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``)."""
+    """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``).
+
+    ``curriculum`` likewise names the stages (``conf/curriculum``).
+    """
 
     recipe: str
     env: EnvSettings
     physics: dict[str, Any]
     reward: RewardSettings
     optimizer: dict[str, Any]
+    curriculum: str
+    stages: list[StageSettings]
     ppo: PpoSettings
     scale: ScaleSettings
     seed: int

@@ -11,6 +11,14 @@ from tlr_exp.config.nested import covers, flat, with_value
 # that they lack, all of its values.
 ADDED_KEYS: dict[str, Any] = {
     "reward.penalty_scale": 1.0,
+    "reward.ranked": "segment",
+    "reward.shaping": [],
+    "reward.sigma_rate": None,
+    "env.termination.distance_max_m": None,
+    "env.termination.mean_episodes": None,
+    "ppo.std": "log",
+    "curriculum": "none",
+    "stages": [],
     "precision": "float32",
     "scale.evaluate_starts": 1,
     "recipe": "paper",

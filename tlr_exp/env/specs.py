@@ -13,26 +13,36 @@ CLEARED_BY_RESET = {
     keys.UPPER_BODY_ERROR: torch.float32,
     keys.LOWER_BODY_ERROR: torch.float32,
     keys.JOINT_ERROR: torch.float32,
+    keys.PHASE: torch.float32,
     keys.FELL: torch.bool,
     keys.UNSTABLE: torch.bool,
     keys.TERMINATED: torch.bool,
     keys.TRUNCATED: torch.bool,
     keys.DONE: torch.bool,
 }
+# What the environment keeps of the state that it has shown last.
+SHOWN_OF_STATE = ("observed", "privileged", "state_costs")
 
 
 def observation_spec(
-    batch: torch.Size, device: torch.device, observation_dim: int, privileged_dim: int
+    batch: torch.Size,
+    device: torch.device,
+    observation_dim: int,
+    privileged_dim: int,
+    num_state_costs: int,
 ) -> Composite:
     """What a step shows besides reward terms and done flags; the leading axis is num_envs."""
+    costs = {keys.STATE_COSTS: Unbounded(_shape(batch, num_state_costs), device=device)}
     scalar = partial(Unbounded, shape=_shape(batch, 1), device=device)
     return Composite(
         {
             keys.OBSERVATION: Unbounded(_shape(batch, observation_dim), device=device),
             keys.PRIVILEGED: Unbounded(_shape(batch, privileged_dim), device=device),
+            **(costs if num_state_costs else {}),
             keys.UPPER_BODY_ERROR: scalar(),
             keys.LOWER_BODY_ERROR: scalar(),
             keys.JOINT_ERROR: scalar(),
+            keys.PHASE: scalar(),
             keys.FELL: _flag(batch, device),
             keys.UNSTABLE: _flag(batch, device),
         },

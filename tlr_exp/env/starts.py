@@ -4,6 +4,7 @@
 failures are counted in the bin in which they happen, and starts are drawn where they are many.
 """
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -55,14 +56,25 @@ class StartFrames:
         self._first, self._sizes = bounds[:-1], bounds.diff()
         self._bin_of_frame = torch.arange(num_bins, device=device).repeat_interleave(self._sizes)
         self.failures = torch.zeros(num_bins, device=device)
+        self.keep_within(None)
+
+    def keep_within(self, phases: Sequence[float] | None) -> None:
+        """Draw ``random`` starts between two shares of the motion from now on; None: anywhere.
+
+        Args:
+            phases: the first and the last, from 0 to 1; twice the same is one frame.
+        """
+        first, last = phases or (0.0, 1.0)
+        self._earliest = min(int(first * self.num_starts), self.num_starts - 1)
+        self._choices = max(1, math.ceil(last * self.num_starts) - self._earliest)
 
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """Frames in which ``count`` episodes start, [count] int64."""
         if self.choice == "zero":
             return torch.zeros(count, dtype=torch.int64, device=self.device)
         if self.choice == "random":
-            size = (count,)
-            return torch.randint(self.num_starts, size, generator=generator, device=self.device)
+            draw = torch.randint(self._choices, (count,), generator=generator, device=self.device)
+            return self._earliest + draw
         bins = torch.multinomial(self.probabilities(), count, replacement=True, generator=generator)
         within = torch.rand(count, generator=generator, device=self.device)
         return self._first[bins] + (within * self._sizes[bins]).long()

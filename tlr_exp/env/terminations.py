@@ -20,8 +20,8 @@ def far_from_reference(instant: Instant, max_distance_m: float | Tensor) -> Tens
 class TighteningDistance:
     """The distance limit of an episode, tightened as episodes get longer (ASAP's curriculum).
 
-    The mean episode length is a running mean over about ``num_envs`` finished episodes. All
-    values are tensors, so that no step waits for the device.
+    The mean episode length is a running mean over about ``num_envs`` finished episodes, unless the
+    settings say how many. All values are tensors, so that no step waits for the device.
     """
 
     def __init__(
@@ -31,22 +31,31 @@ class TighteningDistance:
         device: torch.device,
     ) -> None:
         self.settings = settings
-        self.num_envs = num_envs
+        self.window = settings.mean_episodes or num_envs
+        self.largest_m = settings.distance_max_m or settings.distance_start_m
         self.value_m = torch.tensor(settings.distance_start_m, device=device)
         self.mean_length = torch.tensor(0.0, device=device)
+        self.is_held = False
+
+    def hold(self, value_m: float | None) -> None:
+        """Keep the limit at a value from now on; with None let it follow the rule from there."""
+        self.is_held = value_m is not None
+        if value_m is not None:
+            self.value_m = torch.full_like(self.value_m, value_m)
 
     def update(self, lengths: Tensor, finished: Tensor) -> None:
         """Take in one control step: ``lengths`` [num_envs], ``finished`` [num_envs] bool."""
         settings = self.settings
         count = finished.sum()
         mean = (lengths * finished).sum() / count.clamp(min=1)
-        self.mean_length = self.mean_length + (mean - self.mean_length) * count / self.num_envs
+        count = count.clamp(max=self.window)
+        self.mean_length = self.mean_length + (mean - self.mean_length) * count / self.window
+        if self.is_held:
+            return
         tighten = self.mean_length > settings.tighten_above_steps
         loosen = self.mean_length < settings.loosen_below_steps
         factor = 1.0 + settings.tighten_rate * (loosen.float() - tighten.float())
-        self.value_m = (self.value_m * factor).clamp(
-            settings.distance_end_m, settings.distance_start_m
-        )
+        self.value_m = (self.value_m * factor).clamp(settings.distance_end_m, self.largest_m)
 
     def state_dict(self) -> dict[str, Tensor]:
         return {"value_m": self.value_m, "mean_length": self.mean_length}

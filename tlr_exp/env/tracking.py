@@ -5,7 +5,6 @@ It reports raw reward terms and no reward: how terms are weighted is decided aft
 """
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import torch
@@ -23,10 +22,10 @@ from tlr_exp.env.errors import tracking_errors
 from tlr_exp.env.instability import UnstableStates
 from tlr_exp.env.instant import Instant
 from tlr_exp.env.noise import NoisySensors
+from tlr_exp.env.recorded import RecordedTerms
 from tlr_exp.env.resets import perturb
 from tlr_exp.env.starts import StartFrames
 from tlr_exp.env.terminations import TighteningDistance, far_from_reference, fell
-from tlr_exp.env.terms import TERMS
 from tlr_exp.env.transition import JointLimits, Transition
 from tlr_exp.motion.reference import Reference
 from tlr_exp.physics.protocol import Physics
@@ -49,6 +48,8 @@ class TrackingEnv(EnvBase):
         settings: observation, action, starts and ends of episodes.
         seed: of the environment's own generator.
         failures: whether an episode can end by a failure (evaluations let it go on).
+        potentials: terms, functions of the state, that are shown where a step begins, too.
+        sigma_rate: at which sigmas of tracking terms follow the errors; None: they stay.
         start_frames: frames of the motion in which every episode of each robot starts, [num_envs];
             by default as ``settings`` say.
         saved: what ``simulation_state`` gave, to go on with: a collector begins with a reset, and
@@ -56,7 +57,7 @@ class TrackingEnv(EnvBase):
         noise_seed, disturbance_seed: of the generators of noise on observations, and of the rest.
 
     Attributes:
-        term_names: the names of the terms, in order.
+        recorded, term_names: the reward terms, and their names in order.
         start_frame, episode_step: where each episode began and how far it is, [num_envs] int64.
         state: of the robots, after the last step or reset.
         reference: the motion, which is read ``settings.reference_lead`` frames ahead.
@@ -77,6 +78,8 @@ class TrackingEnv(EnvBase):
         settings: EnvSettings,
         seed: int,
         failures: bool = True,
+        potentials: Sequence[str] = (),
+        sigma_rate: float | None = None,
         start_frames: Sequence[int] | None = None,
         saved: Mapping[str, Any] | None = None,
         noise_seed: int = 0,
@@ -84,18 +87,16 @@ class TrackingEnv(EnvBase):
     ) -> None:
         super().__init__(device=physics.device, batch_size=torch.Size([physics.num_envs]))
         check_env(settings)
-        reference.check_fits(physics.control_dt, settings.reference_lead)
+        reference.check(physics.control_dt, settings.reference_lead)
         self.physics = physics
         self.spec = robot.spec
         self.reference = reference
         self.settings = settings
         self.failures = failures
-        self.term_names = tuple(terms)
-        self.terms = [
-            partial(TERMS[name].function, **constants) for name, constants in terms.items()
-        ]
         self.joint_targets = JointTargets(settings.action, robot, self.device)
         self.limits = JointLimits.of(robot, self.device)
+        self.recorded = RecordedTerms(terms, potentials, self.limits, sigma_rate)
+        self.term_names = self.recorded.names
         self.distance = TighteningDistance(settings.termination, physics.num_envs, self.device)
         # The reference is read ahead, and an episode has one step at least.
         num_starts = reference.num_frames - 1 - settings.reference_lead
@@ -106,7 +107,7 @@ class TrackingEnv(EnvBase):
         self.generator = torch.Generator(device=self.device).manual_seed(seed)
         self.sensors = NoisySensors(settings.noise, robot.spec, noise_seed, self.device)
         self.disturber = Disturber(settings.disturbance, robot, physics, disturbance_seed)
-        self._make_specs(len(terms))
+        self._make_specs()
         self._make_buffers()
         self._resumes = saved is not None
         if saved is not None:
@@ -114,13 +115,14 @@ class TrackingEnv(EnvBase):
 
     # --- specs and buffers -------------------------------------------------------------------
 
-    def _make_specs(self, num_terms: int) -> None:
+    def _make_specs(self) -> None:
         dim = observations.observation_dims(self.spec)[self.settings.observation]
         privileged_dim = observations.privileged_dim(self.spec)
         self.observation_spec = specs.observation_spec(
-            self.batch_size, self.device, dim, privileged_dim
+            self.batch_size, self.device, dim, privileged_dim, len(self.recorded.of_state)
         )
         self.action_spec = specs.action_spec(self.batch_size, self.device, self.spec.num_joints)
+        num_terms = len(self.term_names)
         self.reward_spec = specs.reward_terms_spec(self.batch_size, self.device, num_terms)
         self.done_spec = specs.done_spec(self.batch_size, self.device)
 
@@ -131,6 +133,7 @@ class TrackingEnv(EnvBase):
         self.previous_action = torch.zeros(n, self.spec.num_joints, device=device)
         self.observed = self.observation_spec[keys.OBSERVATION].zero()
         self.privileged = self.observation_spec[keys.PRIVILEGED].zero()
+        self.state_costs = torch.zeros(n, len(self.recorded.of_state), device=device)
         self.state: PhysicsState = self.physics.state()
         self._unstable = UnstableStates()
 
@@ -158,15 +161,16 @@ class TrackingEnv(EnvBase):
         self.starts.update(self.start_frame + self.episode_step, terminated)
 
         transition = Transition(instant, action, self.previous_action, terminated, self.limits)
-        terms = torch.stack([term(transition) for term in self.terms], dim=-1)
+        terms = self.recorded.of_step(transition)
+        self.state_costs = self.recorded.after(terms)
         self.observed, self.privileged = self._observe(instant, action, frame_index, self.observed)
         self.previous_action = action
         return TensorDict(
             {
-                keys.OBSERVATION: self.observed,
-                keys.PRIVILEGED: self.privileged,
+                **self._shown(),
                 keys.REWARD_TERMS: terms,
                 **tracking_errors(instant),
+                keys.PHASE: self._phase(frame_index),
                 keys.FELL: fallen[:, None],
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
@@ -190,10 +194,16 @@ class TrackingEnv(EnvBase):
         done = after.get(keys.DONE)
         if done.any():
             self._start_episodes(done.flatten().nonzero().flatten())
-            after.set(keys.OBSERVATION, self.observed).set(keys.PRIVILEGED, self.privileged)
+            for key, value in self._shown().items():
+                after.set(key, value)
             for key in specs.CLEARED_BY_RESET:
                 after.set(key, after.get(key).masked_fill(done, 0))
         return stepped, after
+
+    def _shown(self) -> dict[str, Tensor]:
+        """What a step or a reset shows of the state that the robots are in."""
+        costs = {keys.STATE_COSTS: self.state_costs} if self.recorded.of_state else {}
+        return {keys.OBSERVATION: self.observed, keys.PRIVILEGED: self.privileged, **costs}
 
     def take_unstable_states(self) -> dict[str, Tensor]:
         """States [n, ...] and actions from which simulations went wrong since the last call."""
@@ -203,14 +213,16 @@ class TrackingEnv(EnvBase):
         index = self.start_frame + self.episode_step + self.settings.reference_lead
         return index.clamp(max=self.reference.num_frames - 1)
 
+    def _phase(self, frame_index: Tensor) -> Tensor:
+        """Of the motion, within [0, 1] (Eq. 4 of the paper), [num_envs, 1]."""
+        return (frame_index / (self.reference.num_frames - 1))[:, None]
+
     def _observe(
         self, instant: Instant, action: Tensor, frame_index: Tensor, before: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What actor and critic see; ``before`` is what the actor saw a step ago, if it did."""
         default, kind = self.joint_targets.default_pos, self.settings.observation
-        # Of the motion, within [0, 1] (Eq. 4 of the paper).
-        phase = (frame_index / (self.reference.num_frames - 1))[:, None]
-        sensed = self.sensors(instant)
+        phase, sensed = self._phase(frame_index), self.sensors(instant)
         seen = observations.actor_observation(kind, sensed, action, default, phase, before)
         return seen, observations.privileged_observation(instant)
 
@@ -254,11 +266,15 @@ class TrackingEnv(EnvBase):
         observed, privileged = self._observe(instant, action, frame_index)
         self.observed = self.observed.index_copy(0, env_ids, observed)
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
+        if self.recorded.of_state:
+            costs = self.recorded.at_start(instant, action)
+            self.state_costs = self.state_costs.index_copy(0, env_ids, costs)
 
     def _reset_output(self) -> TensorDictBase:
-        seen = {keys.OBSERVATION: self.observed, keys.PRIVILEGED: self.privileged}
         cleared = specs.cleared_entries(self.batch_size, self.device)
-        return TensorDict({**seen, **cleared}, batch_size=self.batch_size, device=self.device)
+        return TensorDict(
+            {**self._shown(), **cleared}, batch_size=self.batch_size, device=self.device
+        )
 
     def _set_seed(self, seed: int | None) -> None:
         for part in (self, self.sensors, self.disturber):
@@ -266,7 +282,7 @@ class TrackingEnv(EnvBase):
 
     # --- checkpoints -------------------------------------------------------------------------
 
-    _BUFFERS = ("start_frame", "episode_step", "previous_action", "observed", "privileged")
+    _BUFFERS = ("start_frame", "episode_step", "previous_action", *specs.SHOWN_OF_STATE)
 
     def simulation_state(self) -> dict[str, object]:
         """All that is needed to go on bit for bit, between two steps: a new one's ``saved``."""
@@ -277,6 +293,7 @@ class TrackingEnv(EnvBase):
             "starts": self.starts.state_dict(),
             "noise": self.sensors.generator.get_state(),
             "disturbance": self.disturber.state_dict(),
+            "recorded": self.recorded.state_dict(),
             "buffers": {name: getattr(self, name) for name in self._BUFFERS},
         }
 
@@ -290,5 +307,6 @@ class TrackingEnv(EnvBase):
         self.distance.load_state_dict(saved["distance"])
         if "starts" in saved:  # runs of earlier versions had no adaptive starts
             self.starts.load_state_dict(saved["starts"])
-        for name in self._BUFFERS:
-            setattr(self, name, saved["buffers"][name].to(self.device))
+        self.recorded.load_state_dict(saved.get("recorded", {}))
+        for name, value in saved["buffers"].items():  # those of earlier versions lack state costs
+            setattr(self, name, value.to(self.device))

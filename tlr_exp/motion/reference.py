@@ -48,11 +48,15 @@ class Reference:
         self._widths = [row.shape[1] for row in rows]
         self._shapes = [array.shape[1:] for array in arrays]
 
-    def check_fits(self, control_dt_s: float, lead: int) -> None:
-        """Refuse a motion that robots cannot track at a control rate, read ``lead`` frames ahead.
+    def check(self, control_dt_s: float, lead: int) -> None:
+        """Refuse a motion at another rate than the control's, or too short to be read ahead.
+
+        Args:
+            control_dt_s: duration of a control step, seconds.
+            lead: frames by which the motion is read ahead.
 
         Raises:
-            UserError: it has another rate, or is too short.
+            UserError: says what is needed.
         """
         rate_hz = 1.0 / control_dt_s
         if abs(self.fps - rate_hz) > 1e-6:

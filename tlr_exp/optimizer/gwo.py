@@ -28,7 +28,7 @@ def grey_wolf_search(
 
     The leaders come from a stable sort of the old leaders followed by the pack. With the strict
     inequalities and the leaders at the origin of the textbook's program, a function with
-    plateaus leaves the leaders at the origin and drags the pack there.
+    plateaus leaves two leaders at the origin and drags the pack towards it.
 
     Args:
         objective_fn: positions [pack, dims] -> values [pack].

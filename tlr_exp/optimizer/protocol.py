@@ -81,6 +81,7 @@ class TrainingProgress:
         mean_terms: mean raw value of each optimizing term in this batch, in its own unit; in the
             order of the weights.
         goal_share: mean goal reward of a step in this batch, as a share of perfect tracking's.
+        stage_weights: weights of terms that the present stage of a curriculum sets, by name.
         policy_gradients: gives the policy gradients of this batch. They are computed when this is
             called, which must be before the policy learns from the batch: until `update` returns.
     """
@@ -89,6 +90,7 @@ class TrainingProgress:
     num_steps: int
     mean_terms: Mapping[str, float] = field(default_factory=dict)
     goal_share: float = math.nan
+    stage_weights: Mapping[str, float] = field(default_factory=dict)
     policy_gradients: Callable[[], PolicyGradients] = field(default=no_policy, compare=False)
 
 

@@ -14,6 +14,10 @@ from tlr_exp.machine.precision import BFLOAT16, FLOAT32
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh}
 
+SMALLEST_STD = (
+    1e-3  # of a policy whose standard deviation is learned linearly: it must stay positive
+)
+
 
 class RunningNorm(nn.Module):
     """Normalises by the mean and variance of all batches that it was updated with.
@@ -77,14 +81,24 @@ class MixedPrecisionMlp(MLP):
 
 
 class GaussianHead(nn.Module):
-    """Adds a standard deviation, the same in every state, to the mean [..., size]."""
+    """Adds a standard deviation, the same in every state, to the mean [..., size].
 
-    def __init__(self, size: int, initial_std: float) -> None:
+    It is learned as its logarithm or, as in ASAP, ``linear``, where it cannot fall below
+    ``SMALLEST_STD``.
+    """
+
+    def __init__(self, size: int, initial_std: float, learned: str = "log") -> None:
         super().__init__()
-        self.log_std = nn.Parameter(torch.full((size,), initial_std).log())
+        std = torch.full((size,), initial_std)
+        self.is_linear = learned == "linear"
+        if self.is_linear:
+            self.std = nn.Parameter(std)
+        else:
+            self.log_std = nn.Parameter(std.log())
 
     def forward(self, mean: Tensor) -> tuple[Tensor, Tensor]:
-        return mean, self.log_std.exp().expand_as(mean)
+        std = self.std.clamp(min=SMALLEST_STD) if self.is_linear else self.log_std.exp()
+        return mean, std.expand_as(mean)
 
 
 class JoinedInputs(nn.Module):
@@ -111,7 +125,7 @@ def build_actor(
     body = nn.Sequential(
         _norm(observation_dim, settings),
         _mlp(observation_dim, action_dim, settings),
-        GaussianHead(action_dim, settings.initial_std),
+        GaussianHead(action_dim, settings.initial_std, settings.std),
     )
     return ProbabilisticActor(
         TensorDictModule(body, in_keys=[keys.OBSERVATION], out_keys=["loc", "scale"]),

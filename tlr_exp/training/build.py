@@ -14,6 +14,8 @@ from tlr_exp.optimizer.protocol import WeightOptimizer
 from tlr_exp.ppo.learner import Ppo
 from tlr_exp.reward.box_sample import BoxSample
 from tlr_exp.reward.objectives import Objective
+from tlr_exp.reward.shaping import Shaping
+from tlr_exp.reward.trajectories import trajectories_of
 from tlr_exp.training.iteration import Trainer
 
 
@@ -28,7 +30,17 @@ def build_trainer(
     split = build_split(settings, env.term_names)
     collect = build_collect(env, ppo.actor, settings.ppo.num_steps)
     box_sample = BoxSample(len(split.optimizing_names), objective)
-    return Trainer(collect, split, weight_optimizer, box_sample, ppo, settings.scale.num_envs)
+    shaping = Shaping(settings.reward.shaping, split.term_names, settings.ppo.gamma)
+    return Trainer(
+        collect,
+        split,
+        shaping,
+        trajectories_of(settings.reward.ranked),
+        weight_optimizer,
+        box_sample,
+        ppo,
+        settings.scale.num_envs,
+    )
 
 
 def build_collect(

@@ -21,7 +21,9 @@ from tlr_exp.optimizer.protocol import (
 )
 from tlr_exp.ppo.learner import Ppo, PpoDiagnostics
 from tlr_exp.reward.box_sample import BoxSample
+from tlr_exp.reward.shaping import Shaping
 from tlr_exp.reward.split import RewardSplit
+from tlr_exp.reward.trajectories import Steps, Trajectories
 from tlr_exp.training.episodes import EpisodeLengths, ending_shares, mean_at_equal_ages
 
 
@@ -31,6 +33,8 @@ class Trainer:
     Args:
         collect: returns a batch [num_envs, num_steps] of the present policy.
         split: the two layers of the reward.
+        shaping: the terms that are potentials.
+        trajectories: what the weight optimizer ranks.
         weight_optimizer: finds the lower layer's weights of each iteration.
         box_sample: tells how much of the weight box is optimal; it decides nothing.
         ppo: the learner.
@@ -41,6 +45,8 @@ class Trainer:
         self,
         collect: Callable[[], TensorDictBase],
         split: RewardSplit,
+        shaping: Shaping,
+        trajectories: Trajectories,
         weight_optimizer: WeightOptimizer,
         box_sample: BoxSample,
         ppo: Ppo,
@@ -48,12 +54,15 @@ class Trainer:
     ) -> None:
         self.collect = collect
         self.split = split
+        self.shaping = shaping
+        self.trajectories = trajectories
         self.weight_optimizer = weight_optimizer
         self.box_sample = box_sample
         self.ppo = ppo
         self.episodes = EpisodeLengths(num_envs)
         self.env_steps = 0
         self.seconds: dict[str, float] = {}
+        self.stage_weights: Mapping[str, float] = {}  # of a curriculum, set from outside
 
     def train_iteration(self, progress: float = 0.0) -> dict[str, float]:
         """One iteration (Algorithm 1 of the paper around PPO); returns its metrics by name.
@@ -66,12 +75,14 @@ class Trainer:
         with self._timed("collect"):
             batch = self.collect()
         self.env_steps += batch.numel()
-        ages = self.episodes.add(batch["next", keys.DONE].squeeze(-1))
-        terms = batch["next", keys.REWARD_TERMS]
-        returns = self.split.returns(terms)
-        mean_terms = _mean_terms(self.split.term_names, terms)
+        done = batch["next", keys.DONE].squeeze(-1)
+        ages = self.episodes.add(done)
+        terms = self._shaped(batch)
+        steps = Steps(terms, done, ages, batch["next", keys.PHASE].squeeze(-1))
+        returns = self.split.returns(self.trajectories(steps))
+        mean_terms = _mean_terms(self.split.term_names, batch["next", keys.REWARD_TERMS])
         with self._timed("weights"):
-            self.weight_optimizer.observe(self._progress(batch, mean_terms))
+            self.weight_optimizer.observe(self._progress(batch, terms, mean_terms))
             found = self.weight_optimizer.update(*returns)
         batch["next", keys.REWARD] = self.split.compose(terms, found.weights)
         with self._timed("advantage"):
@@ -83,11 +94,21 @@ class Trainer:
         learned = self._metrics(batch, mean_terms, found, box_share, diagnostics)
         return {**learned, **_errors_at_equal_ages(batch, ages)}
 
-    def _progress(self, batch: TensorDictBase, mean_terms: Mapping[str, float]) -> TrainingProgress:
+    def _shaped(self, batch: TensorDictBase) -> Tensor:
+        """The raw terms of a batch, in which potentials are differences."""
+        terms = batch["next", keys.REWARD_TERMS]
+        if not self.shaping.names:
+            return terms
+        terminated = batch["next", keys.TERMINATED].squeeze(-1)
+        return self.shaping(terms, batch[keys.STATE_COSTS], terminated)
+
+    def _progress(
+        self, batch: TensorDictBase, terms: Tensor, mean_terms: Mapping[str, float]
+    ) -> TrainingProgress:
         """The facts about the training that a weight optimizer may use, apart from the returns."""
 
         def policy_gradients() -> PolicyGradients:
-            rewards = self.split.rewards_apart(batch["next", keys.REWARD_TERMS])
+            rewards = self.split.rewards_apart(terms)
             return self.ppo.policy_gradients(batch, rewards)
 
         return TrainingProgress(
@@ -95,6 +116,7 @@ class Trainer:
             num_steps=batch.shape[1],
             mean_terms={name: mean_terms[name] for name in self.split.optimizing_names},
             goal_share=self.split.goal_share(mean_terms),
+            stage_weights=self.stage_weights,
             policy_gradients=policy_gradients,
         )
 
@@ -141,6 +163,7 @@ class Trainer:
             "ppo": self.ppo.state_dict(),
             "weight_optimizer": self.weight_optimizer.state_dict(),
             "episodes": self.episodes.state_dict(),
+            "trajectories": self.trajectories.state_dict(),
             "env_steps": self.env_steps,
         }
 
@@ -148,6 +171,8 @@ class Trainer:
         self.ppo.load_state_dict(state["ppo"])
         self.weight_optimizer.load_state_dict(state["weight_optimizer"])
         self.episodes.load_state_dict(state["episodes"])
+        if "trajectories" in state:  # runs of earlier versions ranked segments, which keep nothing
+            self.trajectories.load_state_dict(state["trajectories"])
         self.env_steps = state["env_steps"]
 
 

@@ -36,6 +36,7 @@ from tlr_exp.training.build import build_trainer
 from tlr_exp.training.initial_policy import begin_with
 from tlr_exp.training.kept_motion import kept_motion
 from tlr_exp.training.progress import Display, make_display
+from tlr_exp.training.stages import Stages, stage_facts
 
 # The paper's snapshots (Figures 9-12) at iterations 100, 500, 1000 and 2200 of 2500.
 SNAPSHOT_SHARES = (0.04, 0.2, 0.4, 0.88)
@@ -83,6 +84,10 @@ class Training:
         robot, clip = parts.robot, kept_motion(run, parts.clip)
         simulation = None if saved is None else saved.state["simulation"]
         self.env = build_env(settings, robot, clip, terms_of_training(settings), simulation)
+        self.stages = Stages(settings.stages)
+        if saved is not None and "stages" in saved.state:  # runs of earlier versions had none
+            self.stages.load_state_dict(saved.state["stages"])
+        self._limit_episodes()  # before any begins
         starts, terms = settings.scale.evaluate_starts, terms_of_evaluation(settings)
         self.evaluation_env = build_evaluation_env(settings, robot, clip, terms, starts)
         self.judged_split = build_judged_split(settings, self.evaluation_env.term_names)
@@ -93,6 +98,7 @@ class Training:
         self.trainer = build_trainer(settings, self.env, ppo, *lower_layer)
         if saved is not None:
             self.trainer.load_state_dict(saved.state["trainer"])
+        self._weigh_terms()
         self.done = 0 if saved is None else saved.iteration
 
     def train(self) -> Outcome:
@@ -117,6 +123,9 @@ class Training:
         metrics = self.trainer.train_iteration((iteration - 1) / self.settings.scale.iterations)
         self._check_stability(iteration, metrics[keys.UNSTABLE_ENVS])
         metrics[keys.DISTANCE_LIMIT] = self.env.distance.value_m.item()
+        sigmas = self.env.recorded.sigmas()
+        metrics |= {f"{keys.SIGMA_PREFIX}{name}": sigma for name, sigma in sigmas.items()}
+        self._advance_stage(iteration, metrics)
         scale = self.settings.scale
         is_last = iteration == scale.iterations
         results = []
@@ -132,6 +141,25 @@ class Training:
             self._save(iteration, _score(results) if results else None)
         display.show(iteration, metrics)
 
+    def _advance_stage(self, iteration: int, metrics: dict[str, float]) -> None:
+        """Note the stage of this iteration, and find out that of the next."""
+        if not self.stages:
+            return
+        metrics[keys.STAGE] = self.stages.number + 1
+        if self.stages.advance(stage_facts(iteration, metrics, self.trainer.split)):
+            self._limit_episodes()
+            self._weigh_terms()
+
+    def _limit_episodes(self) -> None:
+        """Tell the environment what the stage says of episodes, and nothing of weights."""
+        if self.stages:
+            self.env.distance.hold(self.stages.present.distance_m)
+            self.env.starts.keep_within(self.stages.present.start_phases)
+
+    def _weigh_terms(self) -> None:
+        if self.stages:
+            self.trainer.stage_weights = self.stages.present.weights
+
     def _evaluate(self) -> list[EvaluationResult]:
         """The deterministic policy from each start phase to the end of the motion."""
         actor = self.trainer.ppo.actor
@@ -144,6 +172,7 @@ class Training:
         state = {
             "trainer": self.trainer.state_dict(),
             "simulation": self.env.simulation_state(),
+            "stages": self.stages.state_dict(),
         }
         self.store.save(iteration, state, score)
         self.done = iteration

@@ -20,8 +20,9 @@ from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
-# A recipe is a name for values: the name alone would say of the run what it is not.
-_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", "recipe", *_PLACE))
+# Names for values: the name alone would say of the run what it is not.
+_NAMES = ("recipe", "curriculum")
+_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", *_NAMES, *_PLACE))
 
 
 class FinishedError(RunDirectoryError):
