@@ -48,8 +48,14 @@ BEFORE = {
     "ppo.activation": "elu",
     "ppo.initial_std": 0.8,
 }
-# Keys that came with the recipes, at the values that leave the learning rate to the KL divergence.
-LATER = {"ppo.final_learning_rate": None, "ppo.decay_from": 0.0}
+# Keys that came later, at the values that change nothing.
+LATER = {
+    "ppo.final_learning_rate": None,
+    "ppo.decay_from": 0.0,
+    "ppo.std": "log",
+    "env.termination.distance_max_m": None,
+    "env.termination.mean_episodes": None,
+}
 
 
 def composed(*overrides: str, folder: Path | None = None) -> dict[str, Any]:
