@@ -81,7 +81,8 @@ def test_targets_and_reference_are_those_of_the_environment(run_of, overrides):
             inputs = {"observation": now[keys.OBSERVATION].numpy(), "frame": frame.numpy()}
             action, target, qpos, lin_vel = session.run(names, inputs)
             np.testing.assert_allclose(action, acting[keys.ACTION], atol=1e-5)
-            expected = env._joint_target(acting[keys.ACTION])
+            coming, joints = env.reference.frame(frame + 1), env.state.qpos[:, 7:]
+            expected = env.joint_targets(acting[keys.ACTION], joints, coming)
             np.testing.assert_allclose(target, expected, atol=1e-5)
             reference = env.reference.frame(frame)
             np.testing.assert_allclose(qpos, reference.qpos, atol=1e-6)
