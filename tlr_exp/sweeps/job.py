@@ -36,10 +36,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     refuse_without_docstrings("a job of a sweep")
     options = _parser().parse_args(arguments)
     # A new process inherits what its parent ignores, and what the thread that started it blocks:
-    # a worker of a sweep ignores SIGINT, and Ray's block it.
+    # a worker of a sweep ignores SIGINT, and Ray's block it. What SLURM's node blocks stays so: it
+    # passes SIGTERM on itself (see slurm/node.py).
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     # The warning of a cluster before the end of the time; whoever started this passes it on.
     signal.signal(signal.SIGUSR2, signal.SIG_IGN)
     sweep_process = None if options.with_pid is None else WatchedProcess(options.with_pid)

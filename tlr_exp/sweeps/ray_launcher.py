@@ -69,7 +69,8 @@ class RayLauncher(Launcher):
                 address = self._init.get("address") or "a Ray of its own"
                 raise LauncherError(f"Ray ({address}): {_first_line(error)}") from error
             finally:
-                ray.shutdown()
+                with _as_ray():
+                    ray.shutdown()
 
     def _work_off(
         self, ray: Any, jobs: Sequence[JobSpec], stopper: Stopper, say: Callable[[str], None]
@@ -175,6 +176,17 @@ class _WithoutRay:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stdout, name)
+
+
+@contextmanager
+def _as_ray() -> Iterator[None]:
+    """What this thread prints meanwhile is Ray's: it then prints the lines that it has held back."""
+    thread = threading.current_thread()
+    before, thread.name = thread.name, "ray_shutdown"
+    try:
+        yield
+    finally:
+        thread.name = before
 
 
 def _first_line(error: BaseException) -> str:
