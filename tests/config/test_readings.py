@@ -8,7 +8,7 @@ from hydra import compose, initialize_config_module
 
 import conf
 from tlr_exp.config.identity import run_identity
-from tlr_exp.config.load import plain_config
+from tlr_exp.config.load import ConfigError, load_settings, plain_config
 from tlr_exp.config.nested import covers, flat
 from tlr_exp.config.words import WORDS
 
@@ -54,3 +54,38 @@ def test_a_curriculum_and_a_reading_can_be_chosen_beside_another_optimizer():
         config_of("optimizer=pso", "reading=episode")["optimizer"]
         == (config_of("optimizer=pso")["optimizer"])
     )
+
+
+def choosing():
+    """(reading, group that it chooses, each other choice of this group)."""
+    for reading in READINGS:
+        content = yaml.safe_load((CONF / "reading" / f"{reading}.yaml").read_text())
+        for default in content.get("defaults", []):
+            ((override, choice),) = default.items()
+            group = override.removeprefix("override /")
+            others = {path.stem for path in (CONF / group).glob("*.yaml")} - {choice}
+            yield from ((reading, group, other) for other in sorted(others))
+
+
+# One other choice of most groups is as good as any.
+@pytest.mark.parametrize(
+    ("reading", "group", "other"),
+    [each for each in choosing() if each[1] == "reward" or each[2] in ("fixed", "pso", "kendall")],
+)
+def test_a_reading_whose_choice_of_a_part_did_not_take_is_refused(reading, group, other):
+    assert load_settings(config_of(f"reading={reading}")).reading == reading
+    message = f"reading={reading} chooses {group}={reading}, .* leave out reading={reading} or"
+    with pytest.raises(ConfigError, match=message):
+        load_settings(config_of(f"reading={reading}", f"{group}={other}"))
+
+
+def test_a_reading_and_another_part_go_together_where_one_is_inside_the_other():
+    inside = config_of("reading=smoothed", "optimizer@optimizer.inner=fixed")
+    assert load_settings(inside).optimizer["inner"]["_target_"].endswith("FixedWeights")
+    around = ("optimizer=under_curriculum", "optimizer@optimizer.inner=smoothed")
+    assert load_settings(config_of("reading=smoothed", *around)).reading == "smoothed"
+
+
+def test_a_curriculum_and_a_reading_that_both_choose_the_optimizer_are_refused():
+    with pytest.raises(ConfigError, match="weights are applied by no optimizer here"):
+        load_settings(config_of("reading=smoothed", "curriculum=hierarchical"))

@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from tlr_exp.config.checks import SettingError, check_above, no_such_key
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import violations
+from tlr_exp.config.reading import reading_problems
 from tlr_exp.config.settings import RewardSettings, Settings
 from tlr_exp.config.stages import stage_problems
 from tlr_exp.env.terms import COSTS, STATE_COSTS, TERMS
@@ -218,6 +219,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     yield from _limit_problems(settings.optimizer)
     yield from stage_problems(settings)
+    yield from reading_problems(settings)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"
