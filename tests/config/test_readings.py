@@ -89,3 +89,11 @@ def test_a_reading_and_another_part_go_together_where_one_is_inside_the_other():
 def test_a_curriculum_and_a_reading_that_both_choose_the_optimizer_are_refused():
     with pytest.raises(ConfigError, match="weights are applied by no optimizer here"):
         load_settings(config_of("reading=smoothed", "curriculum=hierarchical"))
+
+
+@pytest.mark.parametrize("recipe", ["fast", "paper"])
+def test_the_distance_rule_is_asap_s_under_each_recipe(recipe):
+    termination = config_of(f"recipe={recipe}", "reading=asap_distance")["env"]["termination"]
+    distances = {key: value for key, value in termination.items() if key.startswith("distance")}
+    assert distances == {"distance_start_m": 1.5, "distance_end_m": 0.3, "distance_max_m": 2.0}
+    assert termination["mean_episodes"] == 10000
