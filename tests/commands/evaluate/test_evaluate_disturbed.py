@@ -72,6 +72,22 @@ def test_of_one_run_the_table_is_among_its_evaluations(study_folder, capfd):
     assert "noise=asap" in capfd.readouterr().out
 
 
+def test_a_picture_that_lies_there_without_a_table_is_kept(study_folder, tmp_path, capfd):
+    picture = tmp_path / "results.png"
+    picture.write_bytes(b"mine")
+    table = tmp_path / "results.csv"
+    command = [str(study_folder / "a"), "--disturb", "kp=0.5", "--starts", "2", "-o", str(table)]
+    assert evaluate.main(command) == 2
+    assert "results.png exists; --force replaces it" in capfd.readouterr().err
+    assert picture.read_bytes() == b"mine"
+    assert not table.exists()
+    assert evaluate.main([*command, "--force"]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    picture.write_bytes(b"of the table")  # beside its table it is the command's own
+    assert evaluate.main(command) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

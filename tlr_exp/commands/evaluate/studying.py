@@ -59,7 +59,8 @@ def study(
 
     Raises:
         ValueError: there is no finished run, or nothing can be written there.
-        FileExistsError: the CSV holds something else, and --force is not given.
+        FileExistsError: the CSV holds something else, or the figure's PNG is there without it, and
+            --force is not given.
     """
     disturbed = len(conditions) > 1
     table = _output(output, runs, f"{'disturbed' if disturbed else 'starts'}-{starts}.csv")
@@ -265,7 +266,12 @@ def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
 
 
 def _check_output(path: Path, missing: Sequence[Wanted], disturbed: bool, force: bool) -> None:
-    """Refuse at once a file that is certain to come out otherwise, as it lacks a run."""
+    """Refuse at once a file that is certain to come out otherwise, as it lacks a run.
+
+    A picture is ours only beside its table: alone it is somebody else's.
+    """
+    if disturbed and not path.exists():
+        check_free([path.with_suffix(".png")], force)
     there = runs_in(path.read_bytes()) if path.is_file() else set()
     new = {(one.choice.run.name, one.condition.label if disturbed else "") for one in missing}
     if path.is_file() and not new <= there:
