@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Any
 
 import yaml
 
+from tlr_exp.config.checks import refusal
 from tlr_exp.config.limits import LIMITS
 from tlr_exp.config.settings import EnvSettings, ObservationNoise
 from tlr_exp.errors import UserError
@@ -131,7 +133,7 @@ def _change(text: str, name: str, value: str) -> tuple[str, str, Any]:
     if name == _NOISE:
         return value, _NOISE, _noise(text, value)
     if name == "delay":
-        milliseconds = _number(text, value, _DELAY)
+        milliseconds = _number(text, name, value, _DELAY)
         steps = milliseconds / (1000.0 * CONTROL_DT_S)
         if steps != round(steps):
             raise UserError(
@@ -140,17 +142,20 @@ def _change(text: str, name: str, value: str) -> tuple[str, str, Any]:
             )
         return f"{milliseconds:g}ms", _DELAY.key, _allowed(text, _DELAY.key, [round(steps)] * 2)
     kind = (_RANGES | _STARTS)[name]
-    number = _number(text, value, kind)
+    number = _number(text, name, value, kind)
     setting = [number, number] if name in _RANGES else number
     return f"{number:g}", kind.key, _allowed(text, kind.key, setting)
 
 
-def _number(text: str, value: str, kind: _Kind) -> float:
+def _number(text: str, name: str, value: str, kind: _Kind) -> float:
     try:
-        return float(value.removesuffix(kind.unit))
+        number = float(value.removesuffix(kind.unit))
     except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
         unit = f", in {kind.unit}" if kind.unit else ""
-        raise UserError(f"--disturb {text}: {value!r} is no number{unit}") from None
+        raise UserError(f"--disturb {text}: {refusal(name, value, f'a finite number{unit}')}")
+    return number
 
 
 def _allowed(text: str, key: str, value: Any) -> Any:
