@@ -16,13 +16,29 @@ def test_the_first_condition_is_none_and_each_value_is_one_of_its_own(settings_o
     found = conditions(["push=0.5", "delay=20ms,40", "mass=1.1+friction=0.5,0.25", "push=0.5"])
     assert [condition.label for condition in found] == [
         *("none", "push=0.5", "delay=20ms", "delay=40ms"),
-        *("mass=1.1+friction=0.5", "mass=1.1+friction=0.25"),
+        *("friction=0.5+mass=1.1", "friction=0.25+mass=1.1"),
     ]
     assert [condition.file_part for condition in found][:3] == ["", "push-0.5", "delay-20ms"]
-    assert found[-1].file_part == "mass-1.1-friction-0.25"
+    assert found[-1].file_part == "friction-0.25-mass-1.1"
     env = undisturbed(settings_of().env)
     assert UNDISTURBED.applied(env) == env
     assert conditions([]) == [UNDISTURBED]
+
+
+def test_the_order_of_what_happens_together_makes_no_other_condition():
+    (_, condition) = conditions(["kp=0.8+mass=1.1", "mass=1.1+kp=0.8"])
+    assert condition.label == "mass=1.1+kp=0.8"
+    (_, pushed) = conditions(["push_every=2+push=1", "push=1+push_every=2.0s"])
+    assert dict(pushed.changes)["disturbance.push_every_s"] == [2.0, 2.0]
+
+
+def test_values_that_differ_in_any_digit_are_conditions_and_files_of_their_own():
+    texts = ["push=0.1234567", "push=0.123457", "mass=1e20", "mass=1e-20", "mass=20.0", "mass=20"]
+    found = conditions(texts)[1:]
+    assert [condition.label for condition in found] == [
+        *("push=0.1234567", "push=0.123457", "mass=1e20", "mass=1e-20", "mass=20"),
+    ]
+    assert len({condition.file_part for condition in found}) == len(found)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.run_directory import RunDirectory
 
 GRID = ["--disturb", "delay=40", "mass=1.5+friction=0.2", "--starts", "2", "--jobs", "1"]
-LABELS = ["none", "delay=40ms", "mass=1.5+friction=0.2"]
+LABELS = ["none", "delay=40ms", "friction=0.2+mass=1.5"]
 
 
 @pytest.fixture
