@@ -92,7 +92,9 @@ def test_a_picture_that_lies_there_without_a_table_is_kept(study_folder, tmp_pat
     ("arguments", "words"),
     [
         (["--disturb", "pusch=1"], "'pusch=1' is no disturbance; allowed"),
-        (["--disturb", "push=1", "--strip"], "leave out --strip"),
+        (["--disturb", "push=1", "--strip"], "--disturb is for numbers: leave out --strip"),
+        (["--disturb", "push=1", "--view"], "--disturb is for numbers: leave out --strip, --view"),
+        (["--starts", "2", "--view"], "--starts is for numbers: leave out --strip, --view"),
         (["--disturb", "push=1", "--video"], "no --video"),
         (["--disturb", "push=1", "--starts", "0"], "--starts is 0"),
     ],
@@ -106,7 +108,9 @@ def test_what_cannot_be_is_refused_before_anything_is_measured(
 
 
 def test_an_engine_that_cannot_is_named_before_anything_is_measured(study_folder, capsys):
-    command = [str(study_folder / "a"), "--physics", "mjx", "--disturb", "friction=0.5"]
+    disturbances = ["friction=0.5", "push=1", "kd=2+mass=1.1"]
+    command = [str(study_folder / "a"), "--physics", "mjx", "--disturb", *disturbances]
     assert evaluate.main(command) == 1
     said = capsys.readouterr().err
-    assert "MjxPhysics cannot do env.disturbance.friction; physics=native can" in said
+    refused = "--disturb friction=0.5 mass=1.1+kd=2"
+    assert f"--physics mjx cannot do {refused}; --physics native can" in said

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
-from tlr_exp.assembly.environment import check_disturbance, undisturbed
+from tlr_exp.assembly.environment import undisturbed
 from tlr_exp.commands.evaluate.arms import arms_of, motion_name
 from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_of, runs_in
-from tlr_exp.config.settings import Settings
+from tlr_exp.config.components import part_of
+from tlr_exp.env.disturbances import check_engine
 from tlr_exp.errors import UserError
 from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs
 from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
@@ -105,9 +106,7 @@ def find_wanted(
     for path in paths:
         try:
             choice = choose(path, checkpoint, physics)
-            for condition in conditions:
-                if condition.changes:
-                    check_disturbance(_disturbed(choice, condition))
+            _check_engine(choice, physics, conditions)
         except (ValueError, OSError) as error:
             print(_failure(path, error), file=sys.stderr)
             failed += 1
@@ -122,9 +121,22 @@ def find_wanted(
     return list(wanted.values()), failed
 
 
-def _disturbed(choice: Choice, condition: Condition) -> Settings:
-    env = condition.applied(undisturbed(choice.settings.env))
-    return dataclasses.replace(choice.settings, env=env)
+def _check_engine(choice: Choice, physics: str | None, conditions: Sequence[Condition]) -> None:
+    """Refuse what the engine cannot do, in the words of the command line."""
+    changing = [condition for condition in conditions if condition.changes]
+    if not changing:
+        return
+    engine = part_of("physics", choice.settings.physics)
+    env = undisturbed(choice.settings.env)
+    refused = []
+    for condition in changing:
+        try:
+            check_engine(condition.applied(env).disturbance, engine)
+        except UserError:
+            refused.append(condition.label)
+    if refused:
+        given = f"its engine, {choice.physics}," if physics is None else f"--physics {physics}"
+        raise UserError(f"{given} cannot do --disturb {' '.join(refused)}; --physics native can")
 
 
 def _paths_of(given: Path) -> Iterator[Path]:
