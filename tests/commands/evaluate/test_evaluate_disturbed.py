@@ -67,9 +67,13 @@ def test_every_run_is_measured_under_every_disturbance_and_once(study_folder, ca
 def test_of_one_run_the_table_is_among_its_evaluations(study_folder, capfd):
     run = study_folder / "b"
     assert evaluate.main([str(run), "--disturb", "noise=asap", "--starts", "2"]) == 0
+    (checkpoint,) = (run / "checkpoints").glob("000005.pt")  # the one that was chosen
+    said = capfd.readouterr().out
+    assert evaluate.main([str(checkpoint), "--disturb", "noise=asap", "--starts", "2"]) == 0
+    assert f"{run / 'eval' / 'disturbed-2.csv'} holds the same" in capfd.readouterr().out
     rows = rows_of(run / "eval" / "disturbed-2.csv")
     assert [row["disturbance"] for row in rows] == ["none", "none", "noise=asap", "noise=asap"]
-    assert "noise=asap" in capfd.readouterr().out
+    assert "noise=asap" in said
 
 
 def test_a_picture_that_lies_there_without_a_table_is_kept(study_folder, tmp_path, capfd):

@@ -16,7 +16,7 @@ from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_
 from tlr_exp.config.components import part_of
 from tlr_exp.env.disturbances import check_engine
 from tlr_exp.errors import UserError
-from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs
+from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs, run_of
 from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
 from tlr_exp.evaluation.records import (
     content_of,
@@ -263,9 +263,10 @@ def _draw(path: Path, runs: Sequence[MeasuredRun], starts: int) -> None:
 def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
     """Where the CSV goes: into the folder of the runs, or for several arguments beside them.
 
-    Of a single run it goes to the run's evaluations.
+    Of a single run, or a checkpoint of it, it goes to the run's evaluations.
     """
-    only = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    run = run_of(runs[0])
+    only = run if len(runs) == 1 and run.is_dir() else Path()
     if only != Path() and not is_folder_of_runs(only):
         only = only / EVALUATIONS
         only.mkdir(exist_ok=True)
