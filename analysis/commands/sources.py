@@ -87,7 +87,9 @@ class _Found:
         study = replace(study, notes=tuple(dict.fromkeys([*notes, *study.notes])))
         beside = dict.fromkeys(filter(None, (starts_beside(f, "disturbed") for f in self.folders)))
         tables = [read_disturbed(path) for path in beside]
-        study = replace(study, disturbed=disturbed_runs(tables, list(study.runs.index)))
+        disturbed, said = disturbed_runs(tables, list(study.runs.index))
+        notes = tuple(dict.fromkeys([*study.notes, *said]))
+        study = replace(study, disturbed=disturbed, notes=notes)
         return _with_starts(study, _roll_outs(self.exported, self.folders, starts))
 
 

@@ -44,15 +44,26 @@ def read_disturbed(path: Path) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
-def disturbed_runs(tables: Sequence[pd.DataFrame], runs: Sequence[str]) -> pd.DataFrame:
-    """The roll-outs of ``runs``; none unless every run has been measured under every disturbance.
+def disturbed_runs(
+    tables: Sequence[pd.DataFrame], runs: Sequence[str]
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The roll-outs of ``runs`` under the disturbances that all of them have met; and notes.
 
-    Arms of which some runs are missing cannot be compared.
+    Arms of which some runs are missing cannot be compared: the notes name the disturbances that are
+    left out, and the runs that have not met them.
     """
     frame = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     if frame.empty:
-        return pd.DataFrame()
+        return pd.DataFrame(), ()
     frame = pd.DataFrame(frame[frame[RUN].isin(list(runs))])
-    measured = pd.Series(frame.groupby(DISTURBANCE, sort=False)[RUN].nunique())
-    complete = measured.index[measured.to_numpy() == len(runs)]
-    return pd.DataFrame(frame[frame[DISTURBANCE].isin(list(complete))]).reset_index(drop=True)
+    lacking: dict[tuple[str, ...], list[str]] = {}
+    for name, rows in frame.groupby(DISTURBANCE, sort=False):
+        met = set(rows[RUN])
+        lacking.setdefault(tuple(run for run in runs if run not in met), []).append(str(name))
+    complete = frame[frame[DISTURBANCE].isin(lacking.pop((), []))]
+    notes = (
+        f"left out under disturbances: {', '.join(names)}, as these runs have not met them: "
+        f"{', '.join(absent)}"
+        for absent, names in lacking.items()
+    )
+    return pd.DataFrame(complete).reset_index(drop=True), tuple(notes)

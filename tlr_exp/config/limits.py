@@ -34,6 +34,8 @@ STANDARD_DEVIATIONS = ("log", "linear")
 PRECISIONS = ("auto", "float32", "bfloat16")
 RESUME_MODES = ("in_sweeps", "never", "auto")
 
+RANGE = "[low, high], or null"  # what each key of env.disturbance may be
+
 Check = Callable[[str, Any], None]  # of a key and its value
 
 
@@ -83,7 +85,7 @@ def _range_of(check: Check) -> Check:
 
     def check_range(key: str, bounds: Sequence[float]) -> None:
         if len(bounds) != 2 or not bounds[0] <= bounds[1]:
-            raise refusal(key, bounds, "[low, high], or null")
+            raise refusal(key, bounds, RANGE)
         for bound in bounds:
             check(key, bound)
 

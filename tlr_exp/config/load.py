@@ -17,7 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from tlr_exp.config.checks import SettingError, check_above, no_such_key
 from tlr_exp.config.input_files import INITIAL, is_motion_path
-from tlr_exp.config.limits import violations
+from tlr_exp.config.limits import RANGE, violations
 from tlr_exp.config.reading import reading_problems
 from tlr_exp.config.settings import RewardSettings, Settings
 from tlr_exp.config.stages import stage_problems
@@ -154,6 +154,9 @@ def _explain_type_error(error: OmegaConfBaseException) -> str:
     message = str(error.msg or error).splitlines()[0]
     if "not in" in message:
         return no_such_key(key, _schema_keys(key.rpartition(".")[0]))
+    if "is not a ListConfig" in message:
+        allowed = RANGE if key.startswith("env.disturbance.") else "a list"
+        return f"{key} is no list; allowed: {allowed}"
     return f"{key}: {message}"
 
 

@@ -37,6 +37,11 @@ def is_folder_of_runs(path: Path) -> bool:
     return path.is_dir() and not (path / MANIFEST).is_file()
 
 
+def run_of(path: Path) -> Path:
+    """The directory of the run that is meant: ``path``, or of a checkpoint file the run's."""
+    return path.absolute().parent.parent if path.suffix == ".pt" else path
+
+
 def choose(path: Path, checkpoint: str | None = None, physics: str | None = None) -> Choice:
     """Find the run, its configuration and the checkpoint asked for.
 
@@ -51,12 +56,9 @@ def choose(path: Path, checkpoint: str | None = None, physics: str | None = None
     """
     from tlr_exp.records.run_directory import RunDirectory
 
-    run_path = path
-    if path.suffix == ".pt":
-        if checkpoint is not None:
-            raise UserError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
-        run_path = path.absolute().parent.parent
-    run = RunDirectory.open(run_path)
+    if path.suffix == ".pt" and checkpoint is not None:
+        raise UserError(f"{path} is a checkpoint already; --checkpoint needs a run directory")
+    run = RunDirectory.open(run_of(path))
     from tlr_exp.config.load import load_settings
     from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Any
 
 import yaml
 
+from tlr_exp.config.checks import refusal
 from tlr_exp.config.limits import LIMITS
 from tlr_exp.config.settings import EnvSettings, ObservationNoise
 from tlr_exp.errors import UserError
@@ -60,7 +62,10 @@ NAMES = (*_RANGES, "delay", _NOISE, *_STARTS)
 
 @dataclass(frozen=True)
 class Condition:
-    """What is done to robots; ``changes`` are keys in ``env`` with their values."""
+    """What is done to robots; ``changes`` are keys in ``env`` with their values.
+
+    Two conditions have the same ``label`` only where they are the same: records are found by it.
+    """
 
     label: str
     changes: tuple[tuple[str, Any], ...] = ()
@@ -117,6 +122,7 @@ def _together(text: str, chosen: Sequence[tuple[str, str]]) -> Condition:
         raise UserError(f"--disturb {text}: a name stands in it twice")
     if "push_every" in names and "push" not in names:
         raise UserError(f"--disturb {text}: push_every needs push, as in push=0.5+push_every=2")
+    chosen = sorted(chosen, key=lambda pair: NAMES.index(pair[0]))  # however it was written
     changes: dict[str, Any] = {"disturbance.push_every_s": EVERY_S} if "push" in names else {}
     labels = []
     for name, value in chosen:
@@ -131,26 +137,35 @@ def _change(text: str, name: str, value: str) -> tuple[str, str, Any]:
     if name == _NOISE:
         return value, _NOISE, _noise(text, value)
     if name == "delay":
-        milliseconds = _number(text, value, _DELAY)
+        milliseconds = _number(text, name, value, _DELAY)
         steps = milliseconds / (1000.0 * CONTROL_DT_S)
         if steps != round(steps):
             raise UserError(
                 f"--disturb {text}: a delay is whole control steps of "
                 f"{1000.0 * CONTROL_DT_S:g} ms, such as 20 or 40"
             )
-        return f"{milliseconds:g}ms", _DELAY.key, _allowed(text, _DELAY.key, [round(steps)] * 2)
+        setting = _allowed(text, _DELAY.key, [round(steps)] * 2)
+        return f"{_digits(milliseconds)}ms", _DELAY.key, setting
     kind = (_RANGES | _STARTS)[name]
-    number = _number(text, value, kind)
+    number = _number(text, name, value, kind)
     setting = [number, number] if name in _RANGES else number
-    return f"{number:g}", kind.key, _allowed(text, kind.key, setting)
+    return _digits(number), kind.key, _allowed(text, kind.key, setting)
 
 
-def _number(text: str, value: str, kind: _Kind) -> float:
+def _number(text: str, name: str, value: str, kind: _Kind) -> float:
     try:
-        return float(value.removesuffix(kind.unit))
+        number = float(value.removesuffix(kind.unit))
     except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
         unit = f", in {kind.unit}" if kind.unit else ""
-        raise UserError(f"--disturb {text}: {value!r} is no number{unit}") from None
+        raise UserError(f"--disturb {text}: {refusal(name, value, f'a finite number{unit}')}")
+    return number
+
+
+def _digits(number: float) -> str:
+    """All digits that tell a number from others, without the plus that joins conditions."""
+    return repr(number).removesuffix(".0").replace("e+", "e")
 
 
 def _allowed(text: str, key: str, value: Any) -> Any:

@@ -61,9 +61,26 @@ def test_disturbances_that_not_all_runs_have_met_are_left_out(study, tmp_path):
     names = list(study.runs.index)
     rows = rows_of(names)
     frame = read_disturbed(write(tmp_path / "a.csv", rows[:-2]))  # the last run, pushed
-    assert set(disturbed_runs([frame], names)["disturbance"]) == {"none"}
-    assert disturbed_runs([], names).empty
-    assert disturbed_runs([frame], ["another"]).empty
+    found, notes = disturbed_runs([frame], names)
+    assert set(found["disturbance"]) == {"none"}
+    assert notes == (
+        "left out under disturbances: push=0.5, as these runs have not met them: " + names[-1],
+    )
+    for tables, runs in (([], names), ([frame], ["another"])):
+        nothing, notes = disturbed_runs(tables, runs)
+        assert nothing.empty
+        assert notes == ()
+
+
+def test_a_study_says_which_runs_an_evaluation_lacks(study, tmp_path):
+    write_run_directories(study, tmp_path)
+    first, second, *rest = study.runs.index
+    write(tmp_path / "disturbed-2.csv", rows_of(rest))
+    loaded = load_study([tmp_path])
+    assert list(disturbance_section(loaded)) == []
+    (note,) = [note for note in loaded.notes if "disturbances" in note]
+    assert note.startswith("left out under disturbances: none, push=0.5, as these runs")
+    assert note.endswith(f"{first}, {second}")
 
 
 def test_damaged_tables_are_refused_by_name(study, tmp_path):

@@ -12,7 +12,7 @@ from tlr_exp.records.directory import FINISHED
 from tlr_exp.records.run_directory import RunDirectory
 
 GRID = ["--disturb", "delay=40", "mass=1.5+friction=0.2", "--starts", "2", "--jobs", "1"]
-LABELS = ["none", "delay=40ms", "mass=1.5+friction=0.2"]
+LABELS = ["none", "delay=40ms", "friction=0.2+mass=1.5"]
 
 
 @pytest.fixture
@@ -67,16 +67,38 @@ def test_every_run_is_measured_under_every_disturbance_and_once(study_folder, ca
 def test_of_one_run_the_table_is_among_its_evaluations(study_folder, capfd):
     run = study_folder / "b"
     assert evaluate.main([str(run), "--disturb", "noise=asap", "--starts", "2"]) == 0
+    (checkpoint,) = (run / "checkpoints").glob("000005.pt")  # the one that was chosen
+    said = capfd.readouterr().out
+    assert evaluate.main([str(checkpoint), "--disturb", "noise=asap", "--starts", "2"]) == 0
+    assert f"{run / 'eval' / 'disturbed-2.csv'} holds the same" in capfd.readouterr().out
     rows = rows_of(run / "eval" / "disturbed-2.csv")
     assert [row["disturbance"] for row in rows] == ["none", "none", "noise=asap", "noise=asap"]
-    assert "noise=asap" in capfd.readouterr().out
+    assert "noise=asap" in said
+
+
+def test_a_picture_that_lies_there_without_a_table_is_kept(study_folder, tmp_path, capfd):
+    picture = tmp_path / "results.png"
+    picture.write_bytes(b"mine")
+    table = tmp_path / "results.csv"
+    command = [str(study_folder / "a"), "--disturb", "kp=0.5", "--starts", "2", "-o", str(table)]
+    assert evaluate.main(command) == 2
+    assert "results.png exists; --force replaces it" in capfd.readouterr().err
+    assert picture.read_bytes() == b"mine"
+    assert not table.exists()
+    assert evaluate.main([*command, "--force"]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    picture.write_bytes(b"of the table")  # beside its table it is the command's own
+    assert evaluate.main(command) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["--disturb", "pusch=1"], "'pusch=1' is no disturbance; allowed"),
-        (["--disturb", "push=1", "--strip"], "leave out --strip"),
+        (["--disturb", "push=1", "--strip"], "--disturb is for numbers: leave out --strip"),
+        (["--disturb", "push=1", "--view"], "--disturb is for numbers: leave out --strip, --view"),
+        (["--starts", "2", "--view"], "--starts is for numbers: leave out --strip, --view"),
         (["--disturb", "push=1", "--video"], "no --video"),
         (["--disturb", "push=1", "--starts", "0"], "--starts is 0"),
     ],
@@ -90,7 +112,9 @@ def test_what_cannot_be_is_refused_before_anything_is_measured(
 
 
 def test_an_engine_that_cannot_is_named_before_anything_is_measured(study_folder, capsys):
-    command = [str(study_folder / "a"), "--physics", "mjx", "--disturb", "friction=0.5"]
+    disturbances = ["friction=0.5", "push=1", "kd=2+mass=1.1"]
+    command = [str(study_folder / "a"), "--physics", "mjx", "--disturb", *disturbances]
     assert evaluate.main(command) == 1
     said = capsys.readouterr().err
-    assert "MjxPhysics cannot do env.disturbance.friction; physics=native can" in said
+    refused = "--disturb friction=0.5 mass=1.1+kd=2"
+    assert f"--physics mjx cannot do {refused}; --physics native can" in said

@@ -188,7 +188,8 @@ def _check(options: argparse.Namespace) -> None:
             raise UserError(f"--{name} is {getattr(options, name)}; it must be at least 1")
     conditions(options.disturb or ())
     if options.starts is not None and (options.strip or viewer_of(options.view, options.web)):
-        raise UserError("--starts is for numbers: leave out --strip, --view and --web")
+        given = "--starts" if options.disturb is None else "--disturb"
+        raise UserError(f"{given} is for numbers: leave out --strip, --view and --web")
     if options.jobs is not None and not _measures_several(options):
         raise UserError("--jobs is for --starts with several runs, or a folder of runs")
     if _measures_several(options) and (options.video or options.pictures):

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
-from tlr_exp.assembly.environment import check_disturbance, undisturbed
+from tlr_exp.assembly.environment import undisturbed
 from tlr_exp.commands.evaluate.arms import arms_of, motion_name
 from tlr_exp.commands.evaluate.start_tables import MeasuredRun, arms_table, csv_of, runs_in
-from tlr_exp.config.settings import Settings
+from tlr_exp.config.components import part_of
+from tlr_exp.env.disturbances import check_engine
 from tlr_exp.errors import UserError
-from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs
+from tlr_exp.evaluation.choosing import Choice, choose, is_folder_of_runs, run_of
 from tlr_exp.evaluation.conditions import UNDISTURBED, Condition
 from tlr_exp.evaluation.records import (
     content_of,
@@ -59,7 +60,8 @@ def study(
 
     Raises:
         ValueError: there is no finished run, or nothing can be written there.
-        FileExistsError: the CSV holds something else, and --force is not given.
+        FileExistsError: the CSV holds something else, or the figure's PNG is there without it, and
+            --force is not given.
     """
     disturbed = len(conditions) > 1
     table = _output(output, runs, f"{'disturbed' if disturbed else 'starts'}-{starts}.csv")
@@ -104,9 +106,7 @@ def find_wanted(
     for path in paths:
         try:
             choice = choose(path, checkpoint, physics)
-            for condition in conditions:
-                if condition.changes:
-                    check_disturbance(_disturbed(choice, condition))
+            _check_engine(choice, physics, conditions)
         except (ValueError, OSError) as error:
             print(_failure(path, error), file=sys.stderr)
             failed += 1
@@ -121,9 +121,22 @@ def find_wanted(
     return list(wanted.values()), failed
 
 
-def _disturbed(choice: Choice, condition: Condition) -> Settings:
-    env = condition.applied(undisturbed(choice.settings.env))
-    return dataclasses.replace(choice.settings, env=env)
+def _check_engine(choice: Choice, physics: str | None, conditions: Sequence[Condition]) -> None:
+    """Refuse what the engine cannot do, in the words of the command line."""
+    changing = [condition for condition in conditions if condition.changes]
+    if not changing:
+        return
+    engine = part_of("physics", choice.settings.physics)
+    env = undisturbed(choice.settings.env)
+    refused = []
+    for condition in changing:
+        try:
+            check_engine(condition.applied(env).disturbance, engine)
+        except UserError:
+            refused.append(condition.label)
+    if refused:
+        given = f"its engine, {choice.physics}," if physics is None else f"--physics {physics}"
+        raise UserError(f"{given} cannot do --disturb {' '.join(refused)}; --physics native can")
 
 
 def _paths_of(given: Path) -> Iterator[Path]:
@@ -250,9 +263,10 @@ def _draw(path: Path, runs: Sequence[MeasuredRun], starts: int) -> None:
 def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
     """Where the CSV goes: into the folder of the runs, or for several arguments beside them.
 
-    Of a single run it goes to the run's evaluations.
+    Of a single run, or a checkpoint of it, it goes to the run's evaluations.
     """
-    only = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    run = run_of(runs[0])
+    only = run if len(runs) == 1 and run.is_dir() else Path()
     if only != Path() and not is_folder_of_runs(only):
         only = only / EVALUATIONS
         only.mkdir(exist_ok=True)
@@ -265,7 +279,12 @@ def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
 
 
 def _check_output(path: Path, missing: Sequence[Wanted], disturbed: bool, force: bool) -> None:
-    """Refuse at once a file that is certain to come out otherwise, as it lacks a run."""
+    """Refuse at once a file that is certain to come out otherwise, as it lacks a run.
+
+    A picture is ours only beside its table: alone it is somebody else's.
+    """
+    if disturbed and not path.exists():
+        check_free([path.with_suffix(".png")], force)
     there = runs_in(path.read_bytes()) if path.is_file() else set()
     new = {(one.choice.run.name, one.condition.label if disturbed else "") for one in missing}
     if path.is_file() and not new <= there:
