@@ -9,6 +9,7 @@ from typing import Any
 from analysis.data.runs import RunRecord
 from tlr_exp.config.checks import is_number
 from tlr_exp.config.nested import covers, flat, value_at
+from tlr_exp.config.words import WORDS
 
 OPTIMIZER = "optimizer"  # the arm key that stands for the optimizer by its name
 SEED = "seed"
@@ -92,14 +93,15 @@ def differences(
     """One line per run and key whose value is not that of most runs it must agree with.
 
     Not compared are the seed, the arm keys and the `ignored` ones. Settings within a group that is
-    an arm key, such as the optimizer's, are compared between runs that have the same there.
+    an arm key, such as the optimizer's, or that an arm key stands for, such as those of a recipe,
+    are compared between runs that have the same there.
     """
     configs = [flat(record.comparable) for record in records]
     for key in dict.fromkeys(name for config in configs for name in config):
         if key == SEED or key in arm_keys or covers(ignored, key):
             continue
         groups: dict[tuple, list[int]] = {}
-        above = [each for each in arm_keys if covers([each], key)]
+        above = [each for each in arm_keys if covers([each, *WORDS.get(each, ())], key)]
         for index, record in enumerate(records):
             same = tuple(_arm_text(record, each) for each in above)
             groups.setdefault(same, []).append(index)

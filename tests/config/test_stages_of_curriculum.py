@@ -26,8 +26,10 @@ def stage(enter_when="{}", weights="{}", distance_m="null", start_phases="null")
         ([stage(), stage()], ["stages[1].enter_when", "at least one of iteration"]),
         ([stage(), stage("{height:3}")], ["stages[1].enter_when is 'height'", "body_error_m"]),
         ([stage(), stage("{iteration:-1}")], ["stages[1].enter_when.iteration is -1.0"]),
+        ([stage(), stage("{goal_share:1.1}")], ["enter_when.goal_share is 1.1", "from 0 to 1"]),
+        ([stage(weights="{torques:1}")], ["stages[0].weights is 'torques'", "lin_vel_z"]),
         ([stage(weights="{body_pos:1}")], ["stages[0].weights is 'body_pos'", "base_height"]),
-        ([stage(weights="{torques:2}")], ["stages[0].weights.torques is 2.0", "from 0 to 1"]),
+        ([stage(weights="{ang_vel_xy:2}")], ["stages[0].weights.ang_vel_xy is 2.0", "from 0 to 1"]),
         ([stage(distance_m="0")], ["stages[0].distance_m is 0.0", "above 0"]),
         ([stage(start_phases="[0.5]")], ["stages[0].start_phases is [0.5]", "[first, last]"]),
         ([stage(start_phases="[0.5,0.2]")], ["stages[0].start_phases", "in order"]),
@@ -40,11 +42,27 @@ def test_stages_that_cannot_be_are_told_by_key(stages, words):
 
 
 def test_weights_need_an_optimizer_that_applies_them():
-    given = f"stages=[{stage(weights='{torques:0.5}')}]"
+    given = f"stages=[{stage(weights='{ang_vel_xy:0.5}')}]"
     with pytest.raises(ConfigError, match=r"stages\[0\]\.weights are applied by no optimizer"):
         load_settings(composed("optimizer=gwo", given))
     inside = ("optimizer=smoothed", "optimizer@optimizer.inner=staged", given)
-    assert load_settings(composed(*inside)).stages[0].weights == {"torques": 0.5}
+    assert load_settings(composed(*inside)).stages[0].weights == {"ang_vel_xy": 0.5}
+
+
+def test_stages_name_terms_that_the_reward_has():
+    reward = ("optimizer=staged", "reward=asap", f"stages=[{stage(weights='{torques:0.5}')}]")
+    assert load_settings(composed(*reward)).stages[0].weights == {"torques": 0.5}
+    with pytest.raises(ConfigError) as error:
+        load_settings(composed("curriculum=hierarchical", "reward=asap"))
+    assert "stages[0].weights is 'base_height'; allowed: dof_pos_limits" in str(error.value)
+
+
+@pytest.mark.parametrize("around", [[], ["optimizer@optimizer.inner=staged"]])
+def test_an_optimizer_of_stages_needs_stages(around):
+    chosen = ["optimizer=smoothed", *around] if around else ["optimizer=staged"]
+    with pytest.raises(ConfigError, match=r"stages is empty, .*curriculum=hierarchical"):
+        load_settings(composed(*chosen))
+    assert load_settings(composed(*chosen, f"stages=[{stage()}]")).stages
 
 
 def test_a_part_of_the_motion_needs_random_starts():

@@ -23,8 +23,8 @@ def test_sigma_shrinks_to_the_average_error_and_never_grows():
     )
     assert made.error.tolist() == pytest.approx([0.3, 2.0])
     assert made.sigma.tolist() == pytest.approx([0.3, 1.0])
-    # The terms are now computed with the smaller sigma. Errors 0.7 and 0: averages 0.5 and 1.
-    made.update(torch.tensor([[value(0.7, 0.3), value(0.0, 1.0)]]))
+    # Errors 0.7 and 0, told by the first sigmas: averages 0.5 and 1.
+    made.update(torch.tensor([[value(0.7, 0.4), value(0.0, 1.0)]]))
     assert made.error.tolist() == pytest.approx([0.5, 1.0])
     assert made.sigma.tolist() == pytest.approx([0.3, 1.0])
 
@@ -39,8 +39,17 @@ def test_an_error_so_large_that_its_term_is_0_leaves_sigma_alone():
 def test_an_error_that_stays_is_what_sigma_ends_at():
     made = Temperatures({"a": 1.0}, rate=0.1, device=CPU)
     for _ in range(200):
-        made.update(torch.exp(-0.2 / made.sigma)[None])
+        made.update(torch.tensor([[value(0.2, 1.0)]]))
     assert made.sigma.item() == pytest.approx(0.2, rel=1e-3)
+
+
+def test_a_few_robots_that_are_far_off_keep_the_mean_error_above_sigma():
+    made = Temperatures({"a": 0.03}, rate=0.01, device=CPU)
+    # One in a hundred at 2.0, the others at 0.001: a mean of 0.021, however small sigma becomes.
+    errors = [2.0] + [0.001] * 99
+    for _ in range(2000):
+        made.update(torch.tensor([[value(error, 0.03)] for error in errors]))
+    assert made.sigma.item() == pytest.approx(sum(errors) / 100, rel=1e-3)
 
 
 def rolled_out(env, num_steps: int) -> torch.Tensor:

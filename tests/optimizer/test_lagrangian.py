@@ -5,7 +5,7 @@ import torch
 from configured import make
 from hydra import compose, initialize_config_module
 
-from tlr_exp.config.load import ConfigError, plain_config, with_absolute_paths
+from tlr_exp.config.load import ConfigError, load_settings, plain_config, with_absolute_paths
 from tlr_exp.optimizer.lagrangian import LagrangianWeights
 from tlr_exp.optimizer.protocol import TrainingProgress
 from tlr_exp.records.run_directory import RunDirectory
@@ -153,6 +153,36 @@ def test_limits_are_the_costs_at_the_end_of_a_reference_run(reference_run):
 def test_a_reference_that_is_no_run_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"optimizer\.reference: .*none"):
         with_absolute_paths(configured(f"optimizer.reference={tmp_path}/none"))
+
+
+def nested(around: str, *overrides: str) -> dict:
+    inside = [f"optimizer={around}", "optimizer@optimizer.inner=lagrangian"]
+    with initialize_config_module("tlr_exp.conf", version_base="1.3"):
+        return plain_config(compose("config", [*inside, *overrides]))
+
+
+@pytest.mark.parametrize("around", ["smoothed", "staged", "under_curriculum", "when_tracking"])
+def test_limits_inside_another_optimizer_are_as_good_as_alone(around, reference_run, tmp_path):
+    config = nested(around, f"optimizer.inner.reference={reference_run}")
+    resolved = with_absolute_paths(config)["optimizer"]
+    assert resolved["inner"]["limits"] == {"ang_vel_xy": pytest.approx(4.0)}
+    assert resolved["inner"]["reference"] is None
+    assert {**resolved, "inner": None} == {**config["optimizer"], "inner": None}
+    with pytest.raises(ConfigError, match=r"optimizer\.inner\.reference: .*none"):
+        with_absolute_paths(nested(around, f"optimizer.inner.reference={tmp_path}/none"))
+    share = nested(around, f"optimizer.inner.reference={reference_run}")
+    share["optimizer"]["inner"]["reference_share"] = 0.0
+    with pytest.raises(ConfigError, match=r"optimizer\.inner\.reference_share is 0"):
+        with_absolute_paths(share)
+
+
+def test_limits_two_optimizers_deep_are_checked_by_name():
+    config = nested("smoothed")
+    config["optimizer"]["inner"] = nested("when_tracking")["optimizer"]
+    assert load_settings(config)
+    config["optimizer"]["inner"]["inner"]["limits"] = {"body_pos": 1.0}
+    with pytest.raises(ConfigError, match=r"optimizer\.inner\.inner\.limits\.body_pos is no term"):
+        load_settings(config)
 
 
 def test_a_reference_that_has_no_costs_is_refused(tmp_path):

@@ -97,8 +97,10 @@ def blocked() -> Iterator[None]:
 
 @pytest.mark.usefixtures("blocked")
 def test_a_job_hears_ctrl_c_although_the_thread_that_started_it_blocks_it(run, start, monkeypatch):
-    sent = lambda *arguments, **more: signal.raise_signal(signal.SIGINT)
-    monkeypatch.setattr(jobs, "train_in", sent)
+    def send(*arguments, **more):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(jobs, "train_in", send)
     assert start() == 130
 
 

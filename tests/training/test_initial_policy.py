@@ -95,6 +95,7 @@ def test_with_a_policy_alone_the_critic_is_new_and_that_is_said(trained, setting
             ["ppo.normalize_observations is true there, false here"],
         ),
         (["ppo.activation=relu"], ["ppo.activation is elu there, relu here"]),
+        (["ppo.std=linear"], ["ppo.std is log there, linear here"]),
         (
             ["ppo.activation=relu", "ppo.hidden_sizes=[8]"],
             ["ppo.hidden_sizes is [16] there, [8] here", "ppo.activation is elu there, relu here"],

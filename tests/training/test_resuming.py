@@ -105,6 +105,12 @@ def test_the_name_of_another_recipe_is_refused(run, resume):
         resume(run, "recipe=fast")
 
 
+def test_another_reading_is_refused(run, resume):
+    assert resume(run, "reading=none").settings.reading == "none"
+    with pytest.raises(ConfigError, match="to change reading"):
+        resume(run, "reading=episode")
+
+
 def test_a_group_whose_other_words_are_not_learned_from_is_the_run_s_own(make_run, resume):
     scale = ("scale=laptop", "scale.num_envs=512", "scale.iterations=407")
     run = make_run(*scale, "scale.evidence=in other words", "physics.num_threads=3")

@@ -6,12 +6,13 @@ from typing import Any
 from tlr_exp.config.input_files import INITIAL, MODEL, MOTION, file_hashes
 from tlr_exp.config.nested import value_at
 from tlr_exp.config.versions import ADDED_KEYS, with_first_names
+from tlr_exp.config.words import WORDS
 from tlr_exp.records.runs import config_hash
 
 # Keys that change where or how a run is made, not what it learns.
 NOT_IDENTITY = (
     *("resume", "runs_dir", "tracking_uri", "study", "num_threads", "physics.num_threads"),
-    *("precision", "recipe", "curriculum"),
+    *("precision", *WORDS),
     *("scale.evidence", "scale.evaluate_every", "scale.evaluate_starts"),
     *("scale.checkpoint_every", "scale.keep_checkpoints"),
 )

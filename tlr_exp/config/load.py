@@ -18,6 +18,7 @@ from omegaconf.errors import OmegaConfBaseException
 from tlr_exp.config.checks import SettingError, check_above, no_such_key
 from tlr_exp.config.input_files import INITIAL, is_motion_path
 from tlr_exp.config.limits import RANGE, violations
+from tlr_exp.config.reading import reading_problems
 from tlr_exp.config.settings import RewardSettings, Settings
 from tlr_exp.config.stages import stage_problems
 from tlr_exp.env.terms import COSTS, STATE_COSTS, TERMS
@@ -63,27 +64,36 @@ def with_absolute_paths(config: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _with_limits(optimizer: Mapping[str, Any]) -> Mapping[str, Any]:
+def _with_limits(optimizer: Mapping[str, Any], key: str = "optimizer") -> dict[str, Any]:
     """An optimizer whose limits, where ``reference`` names a run, are shares of that run's costs.
 
-    A cost that the run does not have gets no limit.
+    So are those of the optimizers inside it. A cost that the run does not have gets no limit.
     """
-    reference = optimizer.get("reference")
-    if reference is None or not _has_limits(optimizer):
-        return optimizer
+    inside = {name: _with_limits(part, f"{key}.{name}") for name, part in _groups(optimizer)}
+    if optimizer.get("reference") is not None and _has_limits(optimizer):
+        limits = _reference_limits(key, optimizer["reference"], optimizer["reference_share"])
+        inside |= {"limits": limits, "reference": None, "reference_share": 1.0}
+    return {**optimizer, **inside}
+
+
+def _groups(config: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    return ((name, value) for name, value in config.items() if isinstance(value, Mapping))
+
+
+def _reference_limits(key: str, reference: Any, share: float) -> dict[str, float]:
+    """Shares of a run's costs; ``key``: of the optimizer, for the messages."""
     try:
         costs = final_terms(RunDirectory.open(Path(str(reference))).metrics())
     except RunDirectoryError as error:
-        raise ConfigError(f"optimizer.reference: {error}") from error
-    share = optimizer["reference_share"]
+        raise ConfigError(f"{key}.reference: {error}") from error
     try:
-        check_above("optimizer.reference_share", share, 0.0)
+        check_above(f"{key}.reference_share", share, 0.0)
     except SettingError as error:
         raise ConfigError(str(error)) from error
     limits = {name: share * cost for name, cost in costs.items() if name in COSTS and cost > 0.0}
     if not limits:
-        raise ConfigError(f"optimizer.reference: {reference} has recorded no lower-layer cost yet")
-    return {**optimizer, "limits": limits, "reference": None, "reference_share": 1.0}
+        raise ConfigError(f"{key}.reference: {reference} has recorded no lower-layer cost yet")
+    return limits
 
 
 def _has_limits(optimizer: Mapping[str, Any]) -> bool:
@@ -221,6 +231,7 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
         )
     yield from _limit_problems(settings.optimizer)
     yield from stage_problems(settings)
+    yield from reading_problems(settings)
     for key, name in (("scale.name", settings.scale.name), ("study", settings.study)):
         if not re.fullmatch(r"[\w.-]+", name) or name in (".", ".."):
             yield f"{key} is {name!r}; allowed: letters, digits, '.', '_' and '-'"
@@ -229,13 +240,15 @@ def _fit_problems(settings: Settings) -> Iterator[str]:
     yield from _motion_problems(settings.env.motion)
 
 
-def _limit_problems(optimizer: Mapping[str, Any]) -> Iterator[str]:
+def _limit_problems(optimizer: Mapping[str, Any], key: str = "optimizer") -> Iterator[str]:
     """Limits of what is no cost. The optimizer passes over limits of terms that it has not."""
     limits = optimizer["limits"] if _has_limits(optimizer) else None
     for name in limits or {}:
         if name not in COSTS:
             allowed = ", ".join(COSTS)
-            yield f"optimizer.limits.{name} is no term of the lower layer; allowed: {allowed}"
+            yield f"{key}.limits.{name} is no term of the lower layer; allowed: {allowed}"
+    for name, part in _groups(optimizer):
+        yield from _limit_problems(part, f"{key}.{name}")
 
 
 def _motion_problems(motion: str) -> Iterator[str]:

@@ -39,3 +39,10 @@ def with_value(config: Mapping[str, Any], key: str, value: Any) -> dict[str, Any
         group = config.get(name)
         value = with_value(group if isinstance(group, Mapping) else {}, rest, value)
     return {**config, name: value}
+
+
+def has_part(part: Mapping[str, Any], class_name: str) -> bool:
+    """Whether an exchangeable part (``_target_``), or one inside it, is of a class."""
+    inside = [value for value in part.values() if isinstance(value, Mapping)]
+    is_it = str(part.get("_target_", "")).rpartition(".")[2] == class_name
+    return is_it or any(has_part(each, class_name) for each in inside)

@@ -204,7 +204,8 @@ class ScaleSettings:
 class Settings:
     """One run, whole; ``recipe`` names the set of values by which it learns (``conf/recipe``).
 
-    ``curriculum`` likewise names the stages (``conf/curriculum``).
+    ``curriculum`` likewise names the stages (``conf/curriculum``), and ``reading`` the point at
+    which the paper is read differently (``conf/reading``).
     """
 
     recipe: str
@@ -213,6 +214,7 @@ class Settings:
     reward: RewardSettings
     optimizer: dict[str, Any]
     curriculum: str
+    reading: str
     stages: list[StageSettings]
     ppo: PpoSettings
     scale: ScaleSettings

@@ -1,18 +1,23 @@
 """What the stages of a curriculum may be."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from tlr_exp.config.checks import SettingError, check_above, check_at_least, check_within, refusal
 from tlr_exp.config.limits import STAGE_CONDITIONS
+from tlr_exp.config.nested import has_part
 from tlr_exp.config.settings import Settings, StageSettings
-from tlr_exp.env.terms import COSTS
 
-STAGED = ".StagedWeights"  # the optimizer that applies the weights of stages
+STAGED = "StagedWeights"  # the optimizer that applies the weights of stages
+SHARE_CONDITION = "goal_share"
 
 
 def stage_problems(settings: Settings) -> Iterator[str]:
     """One line for each thing that a stage cannot be."""
+    if not settings.stages and has_part(settings.optimizer, STAGED):
+        yield (
+            "stages is empty, and optimizer=staged applies the weights of stages: choose a "
+            "curriculum, such as curriculum=hierarchical, or state stages, or use another optimizer"
+        )
     for number, stage in enumerate(settings.stages):
         key = f"stages[{number}]"
         for check in (_check_conditions, _check_weights, _check_episodes):
@@ -31,15 +36,19 @@ def _check_conditions(key: str, stage: StageSettings, settings: Settings, number
     for name, value in stage.enter_when.items():
         if name not in STAGE_CONDITIONS:
             raise refusal(f"{key}.enter_when", name, ", ".join(STAGE_CONDITIONS))
-        check_at_least(f"{key}.enter_when.{name}", value, 0.0)
+        if name == SHARE_CONDITION:
+            check_within(f"{key}.enter_when.{name}", value, 0.0, 1.0)
+        else:
+            check_at_least(f"{key}.enter_when.{name}", value, 0.0)
 
 
 def _check_weights(key: str, stage: StageSettings, settings: Settings, number: int) -> None:
     for name, weight in stage.weights.items():
-        if name not in COSTS:
-            raise refusal(f"{key}.weights", name, ", ".join(COSTS))
+        if name not in settings.reward.optimizing:
+            allowed = ", ".join(settings.reward.optimizing) or "none, as reward.optimizing is empty"
+            raise refusal(f"{key}.weights", name, allowed)
         check_within(f"{key}.weights.{name}", weight, 0.0, 1.0)
-    if stage.weights and not _applies_stages(settings.optimizer):
+    if stage.weights and not has_part(settings.optimizer, STAGED):
         raise SettingError(
             f"{key}.weights are applied by no optimizer here: use optimizer=staged, with the "
             "optimizer of all other weights in it (optimizer@optimizer.inner=NAME)"
@@ -58,9 +67,3 @@ def _check_episodes(key: str, stage: StageSettings, settings: Settings, number: 
         raise SettingError(
             f"{key}.start_phases needs env.start_phase=random, which is {settings.env.start_phase}"
         )
-
-
-def _applies_stages(optimizer: Mapping[str, Any]) -> bool:
-    """Whether an optimizer, or one inside it, applies the weights of stages."""
-    inside = (value for value in optimizer.values() if isinstance(value, Mapping))
-    return str(optimizer.get("_target_", "")).endswith(STAGED) or any(map(_applies_stages, inside))

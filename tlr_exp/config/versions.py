@@ -18,6 +18,7 @@ ADDED_KEYS: dict[str, Any] = {
     "env.termination.mean_episodes": None,
     "ppo.std": "log",
     "curriculum": "none",
+    "reading": "none",
     "stages": [],
     "precision": "float32",
     "scale.evaluate_starts": 1,

@@ -55,7 +55,8 @@ class RecordedTerms:
         ]
         terms = torch.stack(values, dim=-1)
         if self._adaptive:
-            self.temperatures.update(terms[:, self._adaptive])
+            first = [self._functions[column](step) for column in self._adaptive]
+            self.temperatures.update(torch.stack(first, dim=-1))
         return terms
 
     def sigmas(self) -> dict[str, float]:

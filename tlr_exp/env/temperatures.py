@@ -27,18 +27,19 @@ class Temperatures:
 
     def __init__(self, sigmas: Mapping[str, float], rate: float, device: torch.device) -> None:
         self.names, self.rate = tuple(sigmas), rate
-        self.sigma = torch.tensor(list(sigmas.values()), dtype=torch.float32, device=device)
-        self.error = self.sigma.clone()
+        self.first = torch.tensor(list(sigmas.values()), dtype=torch.float32, device=device)
+        self.sigma, self.error = self.first, self.first
 
     def constants(self) -> dict[str, dict[str, Tensor]]:
         """What the terms are to be computed with now, by name."""
         return {name: {"sigma": sigma} for name, sigma in zip(self.names, self.sigma, strict=True)}
 
     def update(self, values: Tensor) -> None:
-        """Take in the terms of one control step [num_envs, n], computed with the present sigmas."""
-        # The error is taken back from the term: exact enough wherever it is not far above sigma,
-        # and where it is, the sigma stays. Terms that have become 0 count as the smallest number.
-        errors = -self.sigma * values.clamp(min=torch.finfo(values.dtype).tiny).log()
+        """Take in the terms of one control step [num_envs, n], computed with the first sigmas."""
+        # The error is taken back from the term. With the first sigma, for by one that has shrunk a
+        # robot that is far off would have a term of 0, which says only that its error is large; so
+        # it does beyond 87 first sigmas.
+        errors = -self.first * values.clamp(min=torch.finfo(values.dtype).tiny).log()
         self.error = torch.lerp(self.error, errors.mean(dim=0), self.rate)
         self.sigma = torch.minimum(self.sigma, self.error)
 

@@ -86,9 +86,9 @@ class MetaGradient(GradientWeights):
         """
         terms = learning.terms
         gradient = learning.goal + self.last_weights.to(terms) @ terms
-        length = self.step_size * min(1.0, self.max_grad_norm / gradient.norm().item())
+        length = self.step_size * (self.max_grad_norm / gradient.norm()).clamp(max=1.0)
         gained = judging.goal_after(length * gradient)
-        return length * (terms.double() @ gained.double()).cpu()
+        return (length * (terms.double() @ gained.double())).cpu()
 
     def _adam_step(self, derivative: Tensor) -> Tensor:
         """How far the weights move, upwards along the derivative [num_terms]."""

@@ -84,7 +84,7 @@ class GaussianHead(nn.Module):
     """Adds a standard deviation, the same in every state, to the mean [..., size].
 
     It is learned as its logarithm or, as in ASAP, ``linear``, where it cannot fall below
-    ``SMALLEST_STD``.
+    ``SMALLEST_STD``; one that has come there has no gradient any more, and stays.
     """
 
     def __init__(self, size: int, initial_std: float, learned: str = "log") -> None:

@@ -21,7 +21,7 @@ from tlr_exp.errors import UserError
 
 # States that the actor sees at a time, as for the critic: activations take memory.
 ROWS = 12288
-RIDGE = 1e-3
+RIDGE = 1e-5  # small against 1 - gamma, by which features that change slowly count
 
 
 def linear_values(

@@ -180,7 +180,7 @@ class _WithoutRay:
 
 @contextmanager
 def _as_ray() -> Iterator[None]:
-    """What this thread prints meanwhile is Ray's: it then prints the lines that it has held back."""
+    """What this thread prints meanwhile is Ray's: the lines that it has held back."""
     thread = threading.current_thread()
     before, thread.name = thread.name, "ray_shutdown"
     try:

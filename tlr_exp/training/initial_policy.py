@@ -146,6 +146,8 @@ def _other_layers(name: str, there: State, own: State, settings: Settings) -> It
         )
     elif sizes[0] != own_sizes[0]:
         yield f"its {name} sees {sizes[0]} numbers, that of this run {own_sizes[0]}"
+    if name == ACTOR and (learned := _learned_std(there)) != (own_std := _learned_std(own)):
+        yield f"ppo.std is {learned} there, {own_std} here"
     if sizes[1:-1] != own_sizes[1:-1]:
         yield f"ppo.hidden_sizes is {sizes[1:-1]} there, {own_sizes[1:-1]} here"
     if sizes[-1] != own_sizes[-1]:
@@ -163,6 +165,11 @@ def _sizes(state: State) -> list[int]:
 
 def _is_normalised(state: State) -> bool:
     return any(name.endswith(".variance") for name in state)
+
+
+def _learned_std(actor: State) -> str:
+    """As what an actor learns its standard deviation (the key ppo.std)."""
+    return "linear" if any(name.endswith(".std") for name in actor) else "log"
 
 
 def _refusal(network: nn.Module, state: State) -> str | None:

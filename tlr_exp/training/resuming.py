@@ -11,6 +11,7 @@ from tlr_exp.config.load import ConfigError, load_settings
 from tlr_exp.config.nested import value_at, with_value
 from tlr_exp.config.past_runs import check_files, configuration_of, with_kept_motion
 from tlr_exp.config.settings import Settings
+from tlr_exp.config.words import WORDS
 from tlr_exp.mlflow_sync.sources import store_of
 from tlr_exp.records.checkpoint_files import CHECKPOINTS, checkpoint_iterations
 from tlr_exp.records.directory import FINISHED
@@ -20,9 +21,8 @@ from tlr_exp.records.runs import config_hash
 
 # What says where a new run is made; a run that is there stays where it is.
 _PLACE = ("runs_dir", "study")
-# Names for values: the name alone would say of the run what it is not.
-_NAMES = ("recipe", "curriculum")
-_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", *_NAMES, *_PLACE))
+# A word for values alone would say of the run what it is not.
+_MAY_CHANGE = tuple(key for key in NOT_IDENTITY if key not in ("resume", *WORDS, *_PLACE))
 
 
 class FinishedError(RunDirectoryError):

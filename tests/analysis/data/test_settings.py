@@ -1,5 +1,7 @@
 """Settings that differ beyond what is compared are refused; arms are called by those that are."""
 
+from dataclasses import replace
+
 import pytest
 from run_records import GWO, index, lines_of, records, set_in, with_setting
 
@@ -103,6 +105,30 @@ def test_arms_without_the_optimizer() -> None:
     study = checked(runs, [SHARE])
     assert study.arms == ("threshold_share=0.02", "threshold_share=0.1")
     assert checked(runs, [SHARE], baseline="threshold_share=0.1").arms[0] == "threshold_share=0.1"
+
+
+def test_arms_by_a_word_may_differ_in_what_it_stands_for_and_in_nothing_else() -> None:
+    values = {
+        "none": ("reward.ranked", "segment"),
+        "episode": ("reward.ranked", "episode"),
+        "smoothed": ("optimizer.share", 0.1),
+        "linear_std": ("ppo.std", "linear"),
+    }
+    runs = records(("gwo",), seeds=len(values) * 2)
+    for number, (word, (key, value)) in enumerate([*values.items()] * 2):
+        run = with_setting(with_setting(runs[number], "reading", word), key, value)
+        runs[number] = with_setting(run, "seed", number // len(values))
+    runs = [replace(run, seed=run.config["seed"]) for run in runs]
+    study = checked(runs, ["reading"], baseline="reading=none")
+    assert study.arms[0] == "reading=none"
+    assert {*study.arms} == {f"reading={word}" for word in values}
+    assert rechecked(study).arms == study.arms
+    # Not what the word does not stand for, nor runs of one reading.
+    (line,) = lines_of([with_setting(runs[0], "ppo.gamma", 0.9), *runs[1:]], ["reading"])
+    assert "ppo.gamma is 0.9" in line
+    lines = lines_of([with_setting(runs[0], "reward.ranked", "episode"), *runs[1:]], ["reading"])
+    assert len(lines) == 1
+    assert "reward.ranked is" in lines[0]
 
 
 def test_labels_of_keys_with_the_same_end_and_of_exchangeable_parts() -> None:
