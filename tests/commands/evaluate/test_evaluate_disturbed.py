@@ -71,6 +71,10 @@ def test_of_one_run_the_table_is_among_its_evaluations(study_folder, capfd):
     said = capfd.readouterr().out
     assert evaluate.main([str(checkpoint), "--disturb", "noise=asap", "--starts", "2"]) == 0
     assert f"{run / 'eval' / 'disturbed-2.csv'} holds the same" in capfd.readouterr().out
+    another = shutil.copy(checkpoint, checkpoint.with_stem("000004"))
+    assert evaluate.main([str(another), "--disturb", "noise=asap", "--starts", "2"]) == 2
+    assert "disturbed-2.csv exists; --force replaces it" in capfd.readouterr().err
+    assert not list((run / "eval").glob("000004*"))  # and before anything is measured
     rows = rows_of(run / "eval" / "disturbed-2.csv")
     assert [row["disturbance"] for row in rows] == ["none", "none", "noise=asap", "noise=asap"]
     assert "noise=asap" in said

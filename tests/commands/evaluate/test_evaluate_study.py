@@ -169,7 +169,7 @@ def test_every_roll_out_is_a_row_and_what_it_lacks_an_empty_cell():
     assert [row["reward_term/body_pos"] for row in rows] == ["0.5", "", ""]
     assert [row["reward_term/ang_vel_xy"] for row in rows] == ["", "", "2.0"]
     assert [row["arm"] for row in rows] == ["gwo", "gwo", "zero, a=1"]
-    assert runs_in(content) == {("one", ""), ("two", "")}
+    assert runs_in(content) == {(run.run, str(run.iteration), "") for run in runs}
     assert runs_in(b"\xff no table") == set()
 
 

@@ -49,10 +49,14 @@ def csv_of(runs: Iterable[MeasuredRun]) -> bytes:
     return text.getvalue().encode()
 
 
-def runs_in(content: bytes) -> set[tuple[str, str]]:
-    """Runs and disturbances in a CSV of ``csv_of``; none in a file of another kind."""
+def runs_in(content: bytes) -> set[tuple[str, str, str]]:
+    """Runs, iterations and disturbances in a CSV of ``csv_of``; none in a file of another kind."""
     reader = csv.DictReader(io.StringIO(content.decode(errors="replace")))
-    return {(row["run"], row.get(DISTURBANCE) or "") for row in reader if row.get("run")}
+    return {
+        (row["run"], row.get("iteration") or "", row.get(DISTURBANCE) or "")
+        for row in reader
+        if row.get("run")
+    }
 
 
 def _row(run: MeasuredRun, start: dict[str, Any]) -> dict[str, Any]:

@@ -279,14 +279,17 @@ def _output(output: Path | None, runs: Sequence[Path], name: str) -> Path:
 
 
 def _check_output(path: Path, missing: Sequence[Wanted], disturbed: bool, force: bool) -> None:
-    """Refuse at once a file that is certain to come out otherwise, as it lacks a run.
+    """Refuse at once a file that is certain to come out otherwise, as it lacks a checkpoint.
 
     A picture is ours only beside its table: alone it is somebody else's.
     """
     if disturbed and not path.exists():
         check_free([path.with_suffix(".png")], force)
     there = runs_in(path.read_bytes()) if path.is_file() else set()
-    new = {(one.choice.run.name, one.condition.label if disturbed else "") for one in missing}
+    new = {
+        (one.choice.run.name, str(one.choice.iteration), one.condition.label if disturbed else "")
+        for one in missing
+    }
     if path.is_file() and not new <= there:
         check_free([path], force)
 
