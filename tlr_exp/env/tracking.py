@@ -163,14 +163,15 @@ class TrackingEnv(EnvBase):
         transition = Transition(instant, action, self.previous_action, terminated, self.limits)
         terms = self.recorded.of_step(transition)
         self.state_costs = self.recorded.after(terms)
-        self.observed, self.privileged = self._observe(instant, action, frame_index, self.observed)
+        phase = self._phase(frame_index)
+        self.observed, self.privileged = self._observe(instant, action, phase, self.observed)
         self.previous_action = action
         return TensorDict(
             {
                 **self._shown(),
                 keys.REWARD_TERMS: terms,
                 **tracking_errors(instant),
-                keys.PHASE: self._phase(frame_index),
+                keys.PHASE: phase,
                 keys.FELL: fallen[:, None],
                 keys.UNSTABLE: unstable[:, None],
                 keys.TERMINATED: terminated[:, None],
@@ -218,11 +219,11 @@ class TrackingEnv(EnvBase):
         return (frame_index / (self.reference.num_frames - 1))[:, None]
 
     def _observe(
-        self, instant: Instant, action: Tensor, frame_index: Tensor, before: Tensor | None = None
+        self, instant: Instant, action: Tensor, phase: Tensor, before: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What actor and critic see; ``before`` is what the actor saw a step ago, if it did."""
         default, kind = self.joint_targets.default_pos, self.settings.observation
-        phase, sensed = self._phase(frame_index), self.sensors(instant)
+        sensed = self.sensors(instant)
         seen = observations.actor_observation(kind, sensed, action, default, phase, before)
         return seen, observations.privileged_observation(instant)
 
@@ -263,7 +264,7 @@ class TrackingEnv(EnvBase):
         frame_index = self._frame_index().index_select(0, env_ids)
         instant = Instant(self.state.at(env_ids), self.reference.frame(frame_index), self.spec)
         action = self.previous_action.index_select(0, env_ids)
-        observed, privileged = self._observe(instant, action, frame_index)
+        observed, privileged = self._observe(instant, action, self._phase(frame_index))
         self.observed = self.observed.index_copy(0, env_ids, observed)
         self.privileged = self.privileged.index_copy(0, env_ids, privileged)
         if self.recorded.of_state:

@@ -49,6 +49,11 @@ class GradientWeights(ChosenWeights):
         pairs = zip(self.term_names, values.tolist(), strict=True)
         return {f"{what}/{name}": value for name, value in pairs}
 
+    def comparison_by_term(self, compared: "Comparison") -> dict[str, float]:
+        """What to record of how the gradients compare: `gradient_ratio` and `gradient_cosine`."""
+        ratios = self.by_term("gradient_ratio", compared.ratio)
+        return {**ratios, **self.by_term("gradient_cosine", compared.cosine)}
+
 
 @dataclass(frozen=True)
 class Comparison:

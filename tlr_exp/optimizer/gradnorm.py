@@ -52,8 +52,4 @@ class GradNormWeights(GradientWeights):
         target = (self.ratio / compared.ratio).nan_to_num(nan=self.upper)
         before = self.last_weights.double().cpu()
         weights = before + self.rate * (target.clamp(self.lower, self.upper) - before)
-        details = {
-            **self.by_term("gradient_ratio", compared.ratio),
-            **self.by_term("gradient_cosine", compared.cosine),
-        }
-        return weights, details
+        return weights, self.comparison_by_term(compared)

@@ -39,8 +39,5 @@ class ProjectedGradients(GradientWeights):
         # Where a gradient is 0, nothing is opposed.
         along = (compared.ratio * compared.cosine).nan_to_num(nan=0.0)
         opposition = (-along).clamp(min=0.0).sum()
-        details = {
-            **self.by_term("gradient_ratio", compared.ratio),
-            **self.by_term("gradient_cosine", compared.cosine),
-        }
-        return torch.ones(self.num_terms) / (1.0 + opposition), details
+        weights = torch.ones(self.num_terms) / (1.0 + opposition)
+        return weights, self.comparison_by_term(compared)
